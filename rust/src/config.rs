@@ -1,0 +1,435 @@
+//! What the user may tell: plain structs with defaults that work, the same keys in TOML and in Python.
+
+use crate::error::ConfigError;
+use heapless::{String, Vec};
+
+#[cfg(feature = "std")]
+use serde::{Deserialize, Serialize};
+
+/// A short name, at most 64 bytes.
+pub type Name = String<64>;
+
+/// Declares a section: public fields with defaults, mirrored in TOML; unknown keys are errors.
+macro_rules! section {
+    ($(#[$meta:meta])* $name:ident { $($(#[$field_meta:meta])* $field:ident: $type:ty = $default:expr,)* }) => {
+        $(#[$meta])*
+        #[derive(Clone, Debug, PartialEq)]
+        #[cfg_attr(feature = "std", derive(Serialize, Deserialize), serde(default, deny_unknown_fields))]
+        pub struct $name { $($(#[$field_meta])* pub $field: $type,)* }
+        impl Default for $name {
+            fn default() -> Self { Self { $($field: $default,)* } }
+        }
+    };
+}
+
+section! {
+    /// Everything that can be configured.
+    Config {
+        /// The camera; wins over `camera.toml`.
+        camera: CameraConfig = CameraConfig::default(),
+        /// The tracked object.
+        object: ObjectConfig = ObjectConfig::default(),
+        /// The laws of physics, and how disagreement with them is tested.
+        laws: LawsConfig = LawsConfig::default(),
+        /// From frames to tracks.
+        tracking: TrackingConfig = TrackingConfig::default(),
+        /// What is taken for granted.
+        assume: AssumeConfig = AssumeConfig::default(),
+        /// What is known of the scene.
+        environment: EnvironmentConfig = EnvironmentConfig::default(),
+    }
+}
+
+section! {
+    /// `[camera]` and `camera.toml`: every key may be left out.
+    CameraConfig {
+        /// Columns, px (640).
+        width: Option<u32> = None,
+        /// Rows, px (480).
+        height: Option<u32> = None,
+        /// Focal length in columns, px (575.8).
+        fx: Option<f64> = None,
+        /// Focal length in rows, px (575.8).
+        fy: Option<f64> = None,
+        /// Principal point, column, px (319.5).
+        cx: Option<f64> = None,
+        /// Principal point, row, px (239.5).
+        cy: Option<f64> = None,
+        /// Units a metre of a depth image.
+        depth_scale: Option<f64> = None,
+        /// Samples are raw disparity.
+        disparity: Option<bool> = None,
+        /// `[c0, c1]` of 1/z = c0 + c1 · raw, in 1/m.
+        disparity_law: Option<[f64; 2]> = None,
+        /// Readings beyond this are ignored, m (10).
+        max_depth: Option<f64> = None,
+        /// Seconds from the first row's readout to the last's (0).
+        readout: Option<f64> = None,
+        /// Pose, 4 rows of 4, rigid.
+        world_from_camera: Option<[[f64; 4]; 4]> = None,
+    }
+}
+
+section! {
+    /// `[object]`: the tracked object.
+    ObjectConfig {
+        /// `sphere`, or `any`.
+        shape: Shape = Shape::Sphere,
+        /// Radius of the ball, m; a list for several kinds.
+        radius: Radii = Radii::one(0.033),
+        /// Mass, kg.
+        mass: f64 = 0.057,
+        /// Drag coefficient, of the cross section.
+        drag_coefficient: f64 = 0.53,
+        /// How long a bounce touches, s; 0 is an ideal impact.
+        contact_duration: f64 = 0.0045,
+        /// Prior of an unknown spin, rad/s; 0 is no spin.
+        spin_sd: f64 = 0.0,
+    }
+}
+
+section! {
+    /// `[laws]`: the laws of physics, and how disagreement is tested.
+    LawsConfig {
+        /// Gravity in the world, m/s².
+        gravity: [f64; 3] = [0.0, 0.0, -9.81],
+        /// The law of motion.
+        law: LawName = LawName::FreeFall,
+        /// Air drag acts.
+        drag: bool = true,
+        /// The Magnus force acts.
+        magnus: bool = false,
+        /// Density of the air, kg/m³.
+        air_density: f64 = 1.2,
+        /// θ of Eq. 3, m.
+        theta: f64 = 0.006,
+        /// False alarms of the whitened test, a track.
+        false_alarm: f64 = 1e-3,
+        /// The best we can, or the paper's own method.
+        method: Method = Method::Best,
+    }
+}
+
+section! {
+    /// `[tracking]`: from frames to tracks.
+    TrackingConfig {
+        /// First frames, which show no object; 0 for none.
+        background_frames: u32 = 15,
+        /// Standard deviation of positions that come without covariance, m; left out: estimated from flights.
+        position_sd: Option<f64> = None,
+    }
+}
+
+section! {
+    /// `[assume]`: what is taken for granted.
+    AssumeConfig {
+        /// What is known of the camera's pose; left out: `static` where `world_from_camera` is given, else `tilted`.
+        camera: Option<CameraAssumption> = None,
+        /// Whether the environment is all there is.
+        scene: SceneAssumption = SceneAssumption::Unknown,
+        /// Whether objects may have a motor.
+        objects: ObjectsAssumption = ObjectsAssumption::Passive,
+    }
+}
+
+section! {
+    /// `[[environment.*]]`: known surfaces, world frame. Surface ids follow the order planes, boxes, spheres, meshes.
+    EnvironmentConfig {
+        /// Planes.
+        plane: Vec<KnownPlane, 8> = Vec::new(),
+        /// Boxes.
+        r#box: Vec<KnownBox, 8> = Vec::new(),
+        /// Spheres.
+        sphere: Vec<KnownSphere, 8> = Vec::new(),
+        /// Meshes.
+        mesh: Vec<KnownMesh, 4> = Vec::new(),
+    }
+}
+
+section! {
+    /// A known plane: normal · p = offset.
+    KnownPlane {
+        /// What to call it.
+        name: Name = Name::new(),
+        /// Unit normal, to the free side.
+        normal: [f64; 3] = [0.0, 0.0, 1.0],
+        /// Offset along the normal, m.
+        offset: f64 = 0.0,
+    }
+}
+
+section! {
+    /// A known box.
+    KnownBox {
+        /// What to call it.
+        name: Name = Name::new(),
+        /// Its middle, m.
+        center: [f64; 3] = [f64::NAN; 3],
+        /// Full edges, m.
+        size: [f64; 3] = [f64::NAN; 3],
+        /// Turn about world z, rad.
+        yaw: f64 = 0.0,
+        /// Or the whole rotation, as a unit quaternion w, x, y, z.
+        rotation: Option<[f64; 4]> = None,
+    }
+}
+
+section! {
+    /// A known sphere.
+    KnownSphere {
+        /// What to call it.
+        name: Name = Name::new(),
+        /// Its middle, m.
+        center: [f64; 3] = [f64::NAN; 3],
+        /// Its radius, m.
+        radius: f64 = f64::NAN,
+    }
+}
+
+section! {
+    /// A known mesh.
+    KnownMesh {
+        /// What to call it.
+        name: Name = Name::new(),
+        /// File, relative to the configuration.
+        path: String<256> = String::new(),
+        /// Pose in the world, 4 rows of 4, rigid.
+        pose: Option<[[f64; 4]; 4]> = None,
+    }
+}
+
+/// Declares a choice between names.
+macro_rules! choice {
+    ($(#[$meta:meta])* $name:ident { $($(#[$variant_meta:meta])* $variant:ident,)* }) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[cfg_attr(feature = "std", derive(Serialize, Deserialize), serde(rename_all = "snake_case"))]
+        pub enum $name { $($(#[$variant_meta])* $variant,)* }
+    };
+}
+
+choice! {
+    /// How an object is tracked.
+    Shape {
+        /// A ball of known radius.
+        Sphere,
+        /// Anything, by ICP.
+        Any,
+    }
+}
+choice! {
+    /// A law of motion.
+    LawName {
+        /// Gravity and, with `drag`, the air.
+        FreeFall,
+        /// Constant velocity on a horizontal plane.
+        ConstantVelocity,
+        /// Whatever the evidence tells.
+        Auto,
+    }
+}
+choice! {
+    /// Which estimators answer.
+    Method {
+        /// Whitened tests and joint fits.
+        Best,
+        /// θ on one-step predictions triggers, the paper's solvers answer.
+        Paper,
+    }
+}
+choice! {
+    /// What is known of the camera's pose.
+    CameraAssumption {
+        /// Pose as configured.
+        Static,
+        /// Fixed, the direction of gravity to be found, its size known.
+        Tilted,
+        /// Orientation as configured, translation free.
+        Moving,
+        /// Both free.
+        Unknown,
+    }
+}
+choice! {
+    /// Whether the environment is all there is.
+    SceneAssumption {
+        /// It is.
+        Known,
+        /// There may be more.
+        Unknown,
+    }
+}
+choice! {
+    /// Whether objects may have a motor.
+    ObjectsAssumption {
+        /// They have none.
+        Passive,
+        /// They may.
+        Unknown,
+    }
+}
+
+/// One radius, or one for each kind of ball, m.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "std", derive(Serialize, Deserialize), serde(untagged))]
+pub enum Radii {
+    /// All balls are alike.
+    One(f64),
+    /// Several kinds.
+    Many(Vec<f64, 4>),
+}
+
+impl Radii {
+    /// All balls have this radius, m.
+    pub const fn one(radius: f64) -> Self {
+        Self::One(radius)
+    }
+
+    /// The radii, m.
+    pub fn as_slice(&self) -> &[f64] {
+        match self {
+            Self::One(radius) => core::slice::from_ref(radius),
+            Self::Many(radii) => radii,
+        }
+    }
+}
+
+/// `Ok` where `value` lies in `low..=high`.
+fn within(key: &'static str, value: f64, low: f64, high: f64, expected: &'static str) -> Result<(), ConfigError> {
+    if value >= low && value <= high { Ok(()) } else { Err(ConfigError { key, value, expected }) }
+}
+
+fn finite(key: &'static str, values: &[f64]) -> Result<(), ConfigError> {
+    match values.iter().find(|x| !x.is_finite()) {
+        None => Ok(()),
+        Some(_) => Err(ConfigError { key, value: f64::NAN, expected: "finite numbers" }),
+    }
+}
+
+fn unit(key: &'static str, values: &[f64]) -> Result<(), ConfigError> {
+    let square: f64 = values.iter().map(|x| x * x).sum();
+    within(key, square, 1.0 - 1e-6, 1.0 + 1e-6, "a vector of length 1 (the value shown is its length squared)")
+}
+
+impl CameraConfig {
+    /// # Errors
+    /// The first key whose value can't be.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        let size = |key, n: Option<u32>| n.map_or(Ok(()), |n| within(key, f64::from(n), 16.0, 8192.0, "16 to 8192 px"));
+        let number = |key, x: Option<f64>, low, high, expected| x.map_or(Ok(()), |x| within(key, x, low, high, expected));
+        size("camera.width", self.width)?;
+        size("camera.height", self.height)?;
+        number("camera.fx", self.fx, 10.0, 1e5, "a focal length of 10 to 100000 px")?;
+        number("camera.fy", self.fy, 10.0, 1e5, "a focal length of 10 to 100000 px")?;
+        number("camera.cx", self.cx, -8192.0, 16384.0, "a column, px")?;
+        number("camera.cy", self.cy, -8192.0, 16384.0, "a row, px")?;
+        number("camera.depth_scale", self.depth_scale, 1.0, 1e6, "1 to 1000000 units a metre")?;
+        number("camera.max_depth", self.max_depth, 0.1, 1000.0, "0.1 to 1000 m")?;
+        number("camera.readout", self.readout, 0.0, 1.0, "0 to 1 s")?;
+        if let Some([c0, c1]) = self.disparity_law {
+            finite("camera.disparity_law", &[c0, c1])?;
+            if c1 == 0.0 || (c0 <= 0.0 && c1 < 0.0) {
+                return Err(ConfigError {
+                    key: "camera.disparity_law",
+                    value: c1,
+                    expected: "[c0, c1] that make 1/z = c0 + c1 · raw positive",
+                });
+            }
+        }
+        if let Some(pose) = &self.world_from_camera
+            && crate::geometry::camera::Pose::from_rows(pose).is_none()
+        {
+            return Err(ConfigError {
+                key: "camera.world_from_camera",
+                value: f64::NAN,
+                expected: "4 rows of 4, a rotation and a translation",
+            });
+        }
+        Ok(())
+    }
+
+    /// These keys, and where one is left out, that of `other`.
+    #[must_use]
+    pub fn or(&self, other: &Self) -> Self {
+        Self {
+            width: self.width.or(other.width),
+            height: self.height.or(other.height),
+            fx: self.fx.or(other.fx),
+            fy: self.fy.or(other.fy),
+            cx: self.cx.or(other.cx),
+            cy: self.cy.or(other.cy),
+            depth_scale: self.depth_scale.or(other.depth_scale),
+            disparity: self.disparity.or(other.disparity),
+            disparity_law: self.disparity_law.or(other.disparity_law),
+            max_depth: self.max_depth.or(other.max_depth),
+            readout: self.readout.or(other.readout),
+            world_from_camera: self.world_from_camera.or(other.world_from_camera),
+        }
+    }
+}
+
+impl Config {
+    /// # Errors
+    /// The first key whose value can't be.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        self.camera.validate()?;
+        self.object.validate()?;
+        let laws = &self.laws;
+        finite("laws.gravity", &laws.gravity)?;
+        let size = crate::math::Vec3::from(laws.gravity).norm();
+        within("laws.gravity", size, 0.1, 100.0, "a vector of 0.1 to 100 m/s² (the value shown is its length)")?;
+        within("laws.air_density", laws.air_density, 0.0, 2000.0, "0 to 2000 kg/m³")?;
+        within("laws.theta", laws.theta, 1e-6, 10.0, "1e-6 to 10 m")?;
+        within("laws.false_alarm", laws.false_alarm, 1e-12, 0.5, "a probability of 1e-12 to 0.5")?;
+        within("tracking.background_frames", f64::from(self.tracking.background_frames), 0.0, 10_000.0, "0 to 10000 frames")?;
+        if let Some(sd) = self.tracking.position_sd {
+            within("tracking.position_sd", sd, 1e-7, 10.0, "1e-7 to 10 m")?;
+        }
+        self.environment.validate()
+    }
+
+    /// What is assumed of the camera, where the pose is given or not.
+    pub fn camera_assumption(&self, pose_is_given: bool) -> CameraAssumption {
+        self.assume.camera.unwrap_or(if pose_is_given { CameraAssumption::Static } else { CameraAssumption::Tilted })
+    }
+}
+
+impl ObjectConfig {
+    fn validate(&self) -> Result<(), ConfigError> {
+        let radii = self.radius.as_slice();
+        if radii.is_empty() {
+            return Err(ConfigError { key: "object.radius", value: f64::NAN, expected: "at least one radius" });
+        }
+        for &radius in radii {
+            within("object.radius", radius, 1e-3, 5.0, "0.001 to 5 m")?;
+        }
+        within("object.mass", self.mass, 1e-6, 1e4, "1e-6 to 10000 kg")?;
+        within("object.drag_coefficient", self.drag_coefficient, 0.0, 10.0, "0 to 10")?;
+        within("object.contact_duration", self.contact_duration, 0.0, 0.05, "0 to 0.05 s")?;
+        within("object.spin_sd", self.spin_sd, 0.0, 1e4, "0 to 10000 rad/s")
+    }
+}
+
+impl EnvironmentConfig {
+    fn validate(&self) -> Result<(), ConfigError> {
+        for plane in &self.plane {
+            unit("environment.plane.normal", &plane.normal)?;
+            finite("environment.plane.offset", &[plane.offset])?;
+        }
+        for known in &self.r#box {
+            finite("environment.box.center", &known.center)?;
+            finite("environment.box.yaw", &[known.yaw])?;
+            for edge in known.size {
+                within("environment.box.size", edge, 1e-6, 1e4, "edges of 1e-6 to 10000 m")?;
+            }
+            if let Some(rotation) = &known.rotation {
+                unit("environment.box.rotation", rotation)?;
+            }
+        }
+        for sphere in &self.sphere {
+            finite("environment.sphere.center", &sphere.center)?;
+            within("environment.sphere.radius", sphere.radius, 1e-6, 1e4, "1e-6 to 10000 m")?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,260 @@
+//! What happened. Plain values with fixed capacity; matrices are rows; what is unknown is `None`.
+
+use heapless::{String, Vec};
+
+#[cfg(feature = "std")]
+use serde::Serialize;
+
+/// One event: when it was known, of which track, whether it can still be refined, and what it says.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "std", derive(Serialize))]
+pub struct Event {
+    /// Stamp of the newest input that it used, ns on the stream's clock; it never decreases along a stream.
+    pub timestamp_ns: i64,
+    /// The track, counted from 1 and never reused; `None` where none or all.
+    pub track: Option<u32>,
+    /// Nothing will replace it.
+    #[cfg_attr(feature = "std", serde(rename = "final"))]
+    pub is_final: bool,
+    /// What it says.
+    #[cfg_attr(feature = "std", serde(flatten))]
+    pub kind: Kind,
+}
+
+/// Declares the events: `Kind`, and a struct for each of its names.
+macro_rules! events {
+    ($($(#[$meta:meta])* $name:ident { $($(#[$field_meta:meta])* $field:ident: $type:ty,)* })*) => {
+        /// What an event says.
+        #[derive(Clone, Debug, PartialEq)]
+        #[cfg_attr(feature = "std", derive(Serialize), serde(tag = "event", rename_all = "snake_case"))]
+        #[allow(clippy::large_enum_variant)] // No heap to put the larger ones on.
+        pub enum Kind { $($(#[$meta])* $name($name),)* }
+        $($(#[$meta])*
+        #[derive(Clone, Debug, PartialEq)]
+        #[cfg_attr(feature = "std", derive(Serialize))]
+        pub struct $name { $($(#[$field_meta])* pub $field: $type,)* }
+        impl From<$name> for Kind {
+            fn from(event: $name) -> Self { Self::$name(event) }
+        })*
+    };
+}
+
+events! {
+    /// The stream began.
+    StreamStarted {
+        /// The source, as it was named.
+        source: String<512>,
+        /// The camera; `None` for positions.
+        camera: Option<CameraModel>,
+        /// The pose that fixes the stream's world, 4×4.
+        world_from_camera: [[f64; 4]; 4],
+    }
+    /// An object was seen here.
+    Position {
+        /// Index of the frame as delivered, from 0.
+        frame: u64,
+        /// Center in the world, m.
+        center: [f64; 3],
+        /// Center in the camera frame, m; `None` for positions.
+        center_in_camera: Option<[f64; 3]>,
+        /// Of `center`, m².
+        covariance: [[f64; 3]; 3],
+        /// Pixels that took part.
+        points: Option<u32>,
+        /// Root mean square of their distances from the fitted surface, m.
+        residual_rms: Option<f64>,
+    }
+    /// A track began.
+    TrackStarted {
+        /// Why.
+        reason: TrackReason,
+    }
+    /// A track ended.
+    TrackEnded {
+        /// Why.
+        reason: TrackReason,
+    }
+    /// Measurement and prediction disagree (Eq. 3, or the whitened test).
+    Inconsistency {
+        /// Center by the laws of physics, world, m.
+        predicted: [f64; 3],
+        /// Center as measured, world, m.
+        measured: [f64; 3],
+        /// Between the two, m.
+        distance: f64,
+        /// What `distance` exceeded, m: θ, or the distance in that direction at which the whitened test alarms.
+        threshold: f64,
+        /// Probability of such a distance without a cause.
+        p_value: Option<f64>,
+    }
+    /// The object touched something.
+    Contact {
+        /// Unique among contacts.
+        id: u32,
+        /// First touch, between frames, ns.
+        time_ns: i64,
+        /// Standard deviation of `time_ns`, s.
+        time_sd: Option<f64>,
+        /// Center of the ball at first touch, world, m.
+        center: [f64; 3],
+        /// Where it touched: center − radius · normal, world, m.
+        point: Option<[f64; 3]>,
+        /// Of `center`, m².
+        covariance: [[f64; 3]; 3],
+        /// Unit normal of the surface, to the side the ball came from, world.
+        normal: Option<[f64; 3]>,
+        /// The paper's: normalised mean of the two unit tangents along the motion; `None` where they cancel.
+        direction: Option<[f64; 3]>,
+        /// At first touch, world, m/s.
+        velocity_before: Option<[f64; 3]>,
+        /// At last touch, world, m/s.
+        velocity_after: Option<[f64; 3]>,
+        /// Speed away from the surface over speed into it.
+        restitution: Option<f64>,
+        /// Which surface; `None` on an edge, or where none is known.
+        surface: Option<u32>,
+    }
+    /// A plane that was touched, or is known.
+    Surface {
+        /// Unique among surfaces.
+        id: u32,
+        /// As configured.
+        name: Option<String<64>>,
+        /// Unit normal, to the contacts' side, world.
+        normal: [f64; 3],
+        /// normal · p = offset, m.
+        offset: f64,
+        /// Of (normal, offset), 4×4.
+        covariance: Option<[[f64; 4]; 4]>,
+        /// Angle between the normal and up, rad.
+        tilt: Option<f64>,
+        /// Standard deviation of `tilt`, rad.
+        tilt_sd: Option<f64>,
+        /// How many contacts it rests on.
+        contacts: u32,
+        /// Convex hull of the touched points on the plane, world, m.
+        outline: Option<Vec<[f64; 3], 32>>,
+        /// The parallel surface below it.
+        above: Option<Above>,
+        /// The surface that this one turned out to be.
+        merged_into: Option<u32>,
+    }
+    /// Gravity as the flights show it.
+    CameraOrientation {
+        /// Unique among camera orientations.
+        id: u32,
+        /// Measured acceleration without drag, its length kept, camera frame, m/s².
+        gravity_in_camera: [f64; 3],
+        /// atan2(gx, gy), rad.
+        roll: f64,
+        /// atan2(−gz, √(gx² + gy²)), rad.
+        pitch: f64,
+        /// Of `gravity_in_camera`, (m/s²)².
+        covariance: [[f64; 3]; 3],
+        /// Flights that it rests on.
+        flights: u32,
+    }
+    /// Input is missing.
+    Gap {
+        /// Newest input before it, ns.
+        start_ns: i64,
+        /// Oldest input after it, ns.
+        end_ns: i64,
+        /// What went missing.
+        reason: GapReason,
+        /// Frames lost.
+        frames: Option<u64>,
+        /// Packets lost.
+        packets: Option<u64>,
+        /// Samples lost.
+        samples: Option<u64>,
+    }
+    /// The stream is over.
+    StreamEnded {
+        /// Why.
+        reason: EndReason,
+        /// What went through it.
+        counters: Counters,
+    }
+}
+
+/// The intrinsics, px.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "std", derive(Serialize))]
+#[allow(missing_docs)] // As in `geometry::camera::Camera`.
+pub struct CameraModel {
+    pub width: u32,
+    pub height: u32,
+    pub fx: f64,
+    pub fy: f64,
+    pub cx: f64,
+    pub cy: f64,
+}
+
+/// A parallel surface below.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "std", derive(Serialize))]
+pub struct Above {
+    /// Its id.
+    pub surface: u32,
+    /// How far below, m.
+    pub height: f64,
+    /// Standard deviation of `height`, m.
+    pub sd: Option<f64>,
+}
+
+/// Why a track began or ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "std", derive(Serialize), serde(rename_all = "snake_case"))]
+#[allow(missing_docs)] // The names say it.
+pub enum TrackReason {
+    Appeared,
+    Lost,
+    LeftView,
+    Merged,
+    StreamEnded,
+}
+
+/// What went missing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "std", derive(Serialize), serde(rename_all = "snake_case"))]
+#[allow(missing_docs)] // The names say it.
+pub enum GapReason {
+    PacketsLost,
+    FramesLost,
+    Stalled,
+    Disconnected,
+}
+
+/// Why a stream ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "std", derive(Serialize), serde(rename_all = "snake_case"))]
+#[allow(missing_docs)] // The names say it.
+pub enum EndReason {
+    EndOfSource,
+    Limit,
+    Interrupted,
+    Disconnected,
+}
+
+/// What went through a stream.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "std", derive(Serialize))]
+pub struct Counters {
+    /// Frames (or instants of positions) delivered by the source.
+    pub frames: u64,
+    /// Of these, not used: their stamp stood still or went back.
+    pub frames_dropped: u64,
+    /// Of these, with samples missing.
+    pub frames_incomplete: u64,
+    /// Packets delivered by the source.
+    pub packets: u64,
+    /// Packets that never came.
+    pub packets_lost: u64,
+    /// Packets that made no sense.
+    pub packets_invalid: u64,
+    /// Events told.
+    pub events: u64,
+    /// Events that a full queue swallowed (never contacts).
+    pub events_dropped: u64,
+}

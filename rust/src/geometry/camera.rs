@@ -1,0 +1,179 @@
+//! Pinhole camera: pixels and depth to points, and where the camera stands.
+
+use crate::config::CameraConfig;
+use crate::error::ConfigError;
+use crate::math::{Mat3, Vec3};
+
+/// How a sample of the depth image encodes the depth z.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum DepthCode {
+    /// z = sample / `units_per_metre`; 0 is no reading.
+    Depth {
+        /// Samples per metre: 1000 for millimetres, 5000 in the TUM layout.
+        units_per_metre: f64,
+    },
+    /// 1/z = c0 + c1 · sample, z in metres; 2047 is no reading.
+    Disparity {
+        /// `[c0, c1]`, both in 1/m.
+        law: [f64; 2],
+    },
+}
+
+/// A raw disparity sample that carries no reading.
+pub const NO_DISPARITY: u16 = 2047;
+
+/// `[c0, c1]` of 1/z = c0 + c1 · raw for one real Kinect v1 (emitter 7.5 cm, reference 120 cm, pixel 0.1042 cm, `const_shift` 200).
+pub const KINECT_DISPARITY_LAW: [f64; 2] = {
+    let (emitter, reference, pixel, shift) = (7.5, 120.0, 0.1042, 200.0);
+    [100.0 * (emitter + (shift + 0.375) * pixel) / (reference * emitter), -100.0 * pixel / 4.0 / (reference * emitter)]
+};
+
+impl DepthCode {
+    /// Depth z in metres of a sample, or `None` where there is no reading or none that can be (z ≤ 0).
+    #[inline]
+    pub fn depth(self, sample: u16) -> Option<f64> {
+        let z = match self {
+            Self::Depth { units_per_metre } => f64::from(sample) / units_per_metre,
+            Self::Disparity { .. } if sample >= NO_DISPARITY => return None,
+            Self::Disparity { law } => 1.0 / (law[0] + law[1] * f64::from(sample)),
+        };
+        (z > 0.0 && z.is_finite()).then_some(z)
+    }
+
+    /// The change of z, in metres, over one unit of the sample, at depth `z`.
+    pub fn step(self, z: f64) -> f64 {
+        match self {
+            Self::Depth { units_per_metre } => 1.0 / units_per_metre,
+            Self::Disparity { law } => law[1].abs() * z * z,
+        }
+    }
+}
+
+/// A pose: x in the world = rotation · x in the camera + translation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// Rotation, camera axes to world axes.
+    pub rotation: Mat3,
+    /// The optical center in the world, m.
+    pub translation: Vec3,
+}
+
+impl Pose {
+    /// The world that is the camera's axes renamed: x right, y forward, z up.
+    pub fn renamed_axes() -> Self {
+        Self { rotation: Mat3::new(1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -1.0, 0.0), translation: Vec3::zeros() }
+    }
+
+    /// A point of the camera frame, in the world.
+    pub fn to_world(&self, p: &Vec3) -> Vec3 {
+        self.rotation * p + self.translation
+    }
+
+    /// A point of the world, in the camera frame.
+    pub fn to_camera(&self, p: &Vec3) -> Vec3 {
+        self.rotation.transpose() * (p - self.translation)
+    }
+
+    /// A covariance of the camera frame, in the world.
+    pub fn covariance_to_world(&self, c: &Mat3) -> Mat3 {
+        crate::math::symmetric(&(self.rotation * c * self.rotation.transpose()))
+    }
+
+    /// The homogeneous 4×4 matrix, as rows.
+    pub fn to_rows(&self) -> [[f64; 4]; 4] {
+        let (r, t) = (&self.rotation, &self.translation);
+        let row = |i: usize| [r[(i, 0)], r[(i, 1)], r[(i, 2)], t[i]];
+        [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]
+    }
+
+    /// From a homogeneous 4×4 matrix, as rows; `None` where it is not rigid to 1e-6.
+    pub fn from_rows(m: &[[f64; 4]; 4]) -> Option<Self> {
+        let rotation = Mat3::from_fn(|i, j| m[i][j]);
+        let translation = Vec3::from_fn(|i, _| m[i][3]);
+        let rigid = (rotation.transpose() * rotation - Mat3::identity()).abs().max() < 1e-6
+            && rotation.determinant() > 0.0
+            && m[3] == [0.0, 0.0, 0.0, 1.0]
+            && translation.iter().all(|x| x.is_finite());
+        rigid.then_some(Self { rotation, translation })
+    }
+}
+
+/// A calibrated pinhole camera. Pixel centers are at integers; the camera frame is x right, y down, z forward.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    /// Columns of the image, px.
+    pub width: usize,
+    /// Rows of the image, px.
+    pub height: usize,
+    /// Focal length in columns, px.
+    pub fx: f64,
+    /// Focal length in rows, px.
+    pub fy: f64,
+    /// Column of the principal point, px.
+    pub cx: f64,
+    /// Row of the principal point, px.
+    pub cy: f64,
+    /// How samples encode depth.
+    pub code: DepthCode,
+    /// Readings beyond this are ignored, m.
+    pub max_depth: f64,
+    /// Time from the readout of the first row to that of the last, s; a frame's stamp is its first row's.
+    pub readout: f64,
+    /// Where the camera stands, if that was told.
+    pub pose: Option<Pose>,
+}
+
+impl Camera {
+    /// The camera of `keys`, with the Kinect v1's values where a key is left out, and samples that are `code` unless the keys say otherwise.
+    ///
+    /// # Errors
+    /// A key whose value can't be.
+    pub fn from_config(keys: &CameraConfig, code: DepthCode) -> Result<Self, ConfigError> {
+        keys.validate()?;
+        let law = keys.disparity_law.unwrap_or(KINECT_DISPARITY_LAW);
+        let code = match (keys.disparity, keys.depth_scale, code) {
+            (Some(true), ..) | (None, None, DepthCode::Disparity { .. }) => DepthCode::Disparity { law },
+            (_, Some(units_per_metre), _) => DepthCode::Depth { units_per_metre },
+            (_, None, code) => code,
+        };
+        Ok(Self {
+            width: keys.width.unwrap_or(640) as usize,
+            height: keys.height.unwrap_or(480) as usize,
+            fx: keys.fx.unwrap_or(575.8),
+            fy: keys.fy.unwrap_or(575.8),
+            cx: keys.cx.unwrap_or(319.5),
+            cy: keys.cy.unwrap_or(239.5),
+            code,
+            max_depth: keys.max_depth.unwrap_or(10.0),
+            readout: keys.readout.unwrap_or(0.0),
+            pose: keys.world_from_camera.as_ref().and_then(Pose::from_rows),
+        })
+    }
+
+    /// The point at depth `z` (m) on the ray of pixel (`column`, `row`), camera frame.
+    #[inline]
+    pub fn deproject(&self, column: f64, row: f64, z: f64) -> Vec3 {
+        Vec3::new((column - self.cx) / self.fx * z, (row - self.cy) / self.fy * z, z)
+    }
+
+    /// Column and row (px) of a point of the camera frame; `None` where it is not in front of the camera.
+    #[inline]
+    pub fn project(&self, p: &Vec3) -> Option<(f64, f64)> {
+        (p.z > 0.0).then(|| (p.x / p.z * self.fx + self.cx, p.y / p.z * self.fy + self.cy))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_kinects_own_law_gives_the_known_depths() {
+        let code = DepthCode::Disparity { law: KINECT_DISPARITY_LAW };
+        for (raw, mm) in [(600, 705.0), (700, 887.0), (800, 1193.0), (900, 1824.0), (1000, 3864.0), (1050, 8767.0)] {
+            assert!((code.depth(raw).unwrap() * 1000.0 - mm).abs() < 1.0, "{raw}");
+        }
+        assert_eq!(code.depth(1090), None);
+        assert_eq!(code.depth(2047), None);
+    }
+}

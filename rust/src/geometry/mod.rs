@@ -1,0 +1,3 @@
+//! Cameras, clouds and planes: what is where, without time.
+
+pub mod camera;

@@ -1,0 +1,14 @@
+//! physinc watches a depth camera and reports what *happened*, physically.
+#![no_std]
+
+#[cfg(feature = "std")]
+extern crate std;
+
+pub mod config;
+pub mod detect;
+pub mod error;
+pub mod event;
+pub mod geometry;
+pub mod math;
+pub mod time;
+pub mod track;

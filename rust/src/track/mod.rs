@@ -1,0 +1,26 @@
+//! From positions to tracks.
+
+use crate::math::{Mat3, Vec3};
+
+/// A ball's center at one instant, by our eyes or by someone else's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measurement {
+    /// When it was there, ns: its frame's stamp and, with a rolling readout, its row's delay.
+    pub time_ns: i64,
+    /// Center, world, m.
+    pub center: Vec3,
+    /// Of `center`, m²; `None` where nobody knows: then it is estimated from flights.
+    pub covariance: Option<Mat3>,
+    /// Center, camera frame, m; `None` where positions come without a camera.
+    pub center_in_camera: Option<Vec3>,
+    /// Number by which another tracker knows the object.
+    pub label: Option<u32>,
+    /// The ball's radius, m.
+    pub radius: f64,
+    /// Pixels that took part.
+    pub points: Option<u32>,
+    /// Root mean square of their residuals, m.
+    pub residual_rms: Option<f64>,
+    /// It can be measured; `false`: something is there, but cut or merged.
+    pub whole: bool,
+}
