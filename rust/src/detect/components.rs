@@ -2,6 +2,7 @@
 
 use super::foreground::{Frame, Sample};
 use super::noise::Noise;
+use core::ops::Range;
 
 /// Pixels looked at together where most show nothing.
 const CHUNK: usize = 32;
@@ -96,20 +97,15 @@ pub fn connect<S: Sample>(frame: &Frame<'_, S>, width: usize, jump: f64, noise: 
 }
 
 /// Joins each run of a row with those above it that it touches.
-fn join_rows(runs: &mut [Run], above: core::ops::Range<usize>, below: core::ops::Range<usize>, joined: impl Fn(usize) -> bool) {
-    let mut next = above.start;
-    for b in below {
-        let Some(&Run { start, end, .. }) = runs.get(b) else { return };
-        for a in next..above.end {
-            let Some(&upper) = runs.get(a) else { return };
-            if upper.end <= start {
-                next = a + 1;
-            } else if upper.start >= end {
-                break;
-            } else if (upper.start.max(start)..upper.end.min(end)).any(|column| joined(usize::from(column))) {
-                unite(runs, a, b);
-            }
+fn join_rows(runs: &mut [Run], above: Range<usize>, below: Range<usize>, joined: impl Fn(usize) -> bool) {
+    let (mut a, mut b) = (above.start, below.start);
+    while a < above.end && b < below.end {
+        let Some((&upper, &lower)) = runs.get(a).zip(runs.get(b)) else { return };
+        if (upper.start.max(lower.start)..upper.end.min(lower.end)).any(|column| joined(usize::from(column))) {
+            unite(runs, a, b);
         }
+        // What ends first touches nothing further to the right.
+        if upper.end < lower.end { a += 1 } else { b += 1 }
     }
 }
 
@@ -166,7 +162,7 @@ impl Run {
     }
 
     /// Its row and its columns.
-    pub fn pixels(&self) -> (usize, core::ops::Range<usize>) {
+    pub fn pixels(&self) -> (usize, Range<usize>) {
         (self.row.into(), self.start.into()..self.end.into())
     }
 }

@@ -111,3 +111,59 @@ fn refine(points: &[Vec3], mut center: Vec3, mut radius: f64, free: bool) -> Opt
     let finite = center.iter().chain(covariance.iter()).all(|x| x.is_finite());
     (sphere && finite).then_some(SphereFit { center, radius, covariance, residual_rms, inliers: inliers as usize })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    const CENTER: Vec3 = Vec3::new(0.1, -0.2, 1.5);
+
+    /// Points on the half of a sphere that faces the origin, spread evenly.
+    fn cap(count: usize, radius: f64) -> Vec<Vec3> {
+        let toward = -CENTER.normalize();
+        let golden = 2.399_963_229_728_653;
+        (0..2 * count)
+            .map(|i| {
+                let (z, turn) = (1.0 - (2 * i + 1) as f64 / (2 * count) as f64, golden * i as f64);
+                let r = sqrt(1.0 - z * z);
+                Vec3::new(r * libm::cos(turn), r * libm::sin(turn), z)
+            })
+            .filter(|n| n.dot(&toward) > 0.0)
+            .map(|n| CENTER + n * radius)
+            .collect()
+    }
+
+    #[test]
+    fn exact_points_give_the_exact_sphere() {
+        for count in [4, 8, 200] {
+            let fit = fit_sphere(&cap(count, 0.033), Some(0.033)).unwrap();
+            assert!((fit.center - CENTER).norm() < 1e-9, "{count}");
+        }
+        let fit = fit_sphere(&cap(200, 0.033), None).unwrap();
+        assert!((fit.center - CENTER).norm() < 1e-9 && (fit.radius - 0.033).abs() < 1e-9);
+        assert_eq!(fit.inliers, cap(200, 0.033).len());
+    }
+
+    #[test]
+    fn wild_points_are_left_out() {
+        let mut points = cap(200, 0.033);
+        points.extend((0..20).map(|i| CENTER + Vec3::new(0.1, 0.01 * f64::from(i), 0.3)));
+        let fit = fit_sphere(&points, Some(0.033)).unwrap();
+        assert!((fit.center - CENTER).norm() < 1e-3, "{}", fit.center - CENTER);
+        assert!(fit.inliers <= points.len() - 20);
+    }
+
+    #[test]
+    fn what_determines_no_sphere_gives_none() {
+        let plane: Vec<Vec3> = (0..100).map(|i| Vec3::new(f64::from(i % 10), f64::from(i / 10), 1.0) * 0.01).collect();
+        let line: Vec<Vec3> = (0..100).map(|i| Vec3::new(0.01 * f64::from(i), 0.0, 1.0)).collect();
+        let mut not_finite = cap(50, 0.033);
+        not_finite[3].x = f64::NAN;
+        for points in [&plane, &line, &not_finite, &cap(50, 0.033)[..3].to_vec(), &std::vec![CENTER; 50], &Vec::new()] {
+            assert_eq!(fit_sphere(points, Some(0.033)), None);
+            assert_eq!(fit_sphere(points, None), None);
+        }
+        assert_eq!(fit_sphere(&cap(50, 0.033), Some(f64::NAN)), None);
+    }
+}
