@@ -10,5 +10,7 @@ pub mod error;
 pub mod event;
 pub mod geometry;
 pub mod math;
+#[cfg(feature = "sim")]
+pub mod sim;
 pub mod time;
 pub mod track;
