@@ -11,5 +11,7 @@ pub mod event;
 pub mod geometry;
 pub mod math;
 pub mod seeing;
+#[cfg(feature = "sim")]
+pub mod sim;
 pub mod time;
 pub mod track;
