@@ -10,13 +10,14 @@ pub type ScoreCovariance = SMatrix<f64, 5, 5>;
 /// Noise of a depth image: along the ray, across it, and over how many pixels it is shared.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
-    /// Edge of the matching window, px: readings closer than this share noise, in proportion to how much their windows overlap.
-    pub window: usize,
+    /// Columns and rows of the matching window, px: readings whose windows overlap share noise in proportion. 9 × 9 or 9 × 7 in a Kinect v1
+    /// (Konolige and Mihelich 2010).
+    pub window: [usize; 2],
 }
 
 impl Default for Noise {
     fn default() -> Self {
-        Self { window: 9 }
+        Self { window: [9, 7] }
     }
 }
 
@@ -78,14 +79,14 @@ pub struct Scores<'s> {
     pixels: &'s mut [[f32; 5]],
     width: usize,
     height: usize,
-    window: usize,
+    window: [usize; 2],
 }
 
 impl<'s> Scores<'s> {
     /// A patch of `width` × `height` pixels whose noise is shared over `window`; `None` where `pixels` are too few.
-    pub fn new(pixels: &'s mut [[f32; 5]], width: usize, height: usize, window: usize) -> Option<Self> {
-        let window = window.max(1);
-        let (width, height) = (width + window - 1, height + window - 1);
+    pub fn new(pixels: &'s mut [[f32; 5]], width: usize, height: usize, window: [usize; 2]) -> Option<Self> {
+        let window = window.map(|edge| edge.max(1));
+        let (width, height) = (width + window[0] - 1, height + window[1] - 1);
         let pixels = pixels.get_mut(..width * height)?;
         pixels.fill([0.0; 5]);
         Some(Self { pixels, width, height, window })
@@ -103,21 +104,21 @@ impl<'s> Scores<'s> {
     fn sum_windows(&mut self) {
         let (width, window) = (self.width, self.window);
         for row in self.pixels.chunks_exact_mut(width) {
-            box_sums(row, width, 1, window);
+            box_sums(row, width, 1, window[0]);
         }
         for column in 0..width {
-            box_sums(self.pixels.get_mut(column..).unwrap_or_default(), self.height, width, window);
+            box_sums(self.pixels.get_mut(column..).unwrap_or_default(), self.height, width, window[1]);
         }
     }
 
     /// For scores (value, 1, …) where there is a value and 0 where there is none: tells `each` pixel's column, row and mean value over the
-    /// window around it.
-    pub fn means(mut self, mut each: impl FnMut(usize, usize, f64)) {
+    /// window around it, NaN where the window is empty.
+    pub fn means(mut self, mut each: impl FnMut(usize, usize, f32)) {
         self.sum_windows();
-        let half = self.window / 2;
-        for (y, row) in self.pixels.chunks_exact(self.width).skip(half).take(self.height + 1 - self.window).enumerate() {
-            for (x, [sum, count, ..]) in row.iter().skip(half).take(self.width + 1 - self.window).enumerate() {
-                each(x, y, if *count > 0.5 { f64::from(sum / count) } else { 0.0 });
+        let [right, down] = self.window.map(|edge| edge / 2);
+        for (y, row) in self.pixels.chunks_exact(self.width).skip(down).take(self.height + 1 - self.window[1]).enumerate() {
+            for (x, [sum, count, ..]) in row.iter().skip(right).take(self.width + 1 - self.window[0]).enumerate() {
+                each(x, y, if *count > 0.5 { sum / count } else { f32::NAN });
             }
         }
     }
@@ -135,7 +136,7 @@ impl<'s> Scores<'s> {
                 }
             }
         }
-        ScoreCovariance::from_fn(|i, j| f64::from(sum[i][j])) / (window * window) as f64
+        ScoreCovariance::from_fn(|i, j| f64::from(sum[i][j])) / (window[0] * window[1]) as f64
     }
 }
 
