@@ -70,6 +70,11 @@ fn twofold(x: f64, y: f64) -> Vector2<f64> {
     Vector2::new(x * x - y * y, 2.0 * x * y)
 }
 
+/// The threefold pattern of a direction: what a triangle has. Square windows leave twofold traces in a silhouette, but none of these.
+fn threefold(x: f64, y: f64) -> Vector2<f64> {
+    Vector2::new(x * (x * x - 3.0 * y * y), y * (3.0 * x * x - y * y))
+}
+
 /// A ball that was found, and what it tells of the noise: ratios to the modelled variance of its depth and of its silhouette.
 pub struct Found {
     /// The ball.
@@ -282,7 +287,7 @@ impl<S: Sample> View<'_, S> {
                     let (right, down) = (outward.dot(&across[0]), outward.dot(&across[1]));
                     let jacobian = Vec3::new(right, down, -1.0) * slope;
                     let sd = noise.lateral(1.0) / (2.0 * BAND);
-                    scores[1] = evidence.outline.add(&jacobian, &(twofold(right, down) * slope), residual, 1.0, sd);
+                    scores[1] = evidence.outline.add(&jacobian, &(threefold(right, down) * slope), residual, 1.0, sd);
                 }
                 score(x, y, &scores[0], &scores[1]);
             }
