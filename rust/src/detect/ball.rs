@@ -189,12 +189,12 @@ impl<S: Sample> View<'_, S> {
 
     /// Fills `cap` with the depth that each pixel of the patch shows, less the center's, m: the mean of the surface over the matching window.
     fn render(&self, patch: &Patch, center: &Vec3, scores: &mut [[f32; 5]], cap: &mut [f32]) -> Option<()> {
-        let mut surface = Scores::new(scores, patch.columns, patch.rows, self.window(patch))?;
+        let mut surface = Scores::<2>::new(scores, patch.columns, patch.rows, self.window(patch))?;
         for y in 0..patch.rows {
             for x in 0..patch.columns {
                 let chord = Chord::new(&self.ray(patch, x, y).0, center, self.radius);
                 if chord.half > 0.0 {
-                    surface.set(x, y, &Score::new(chord.along - chord.half - center.z, 1.0, 0.0, 0.0, 0.0));
+                    surface.set(x, y, [chord.along - chord.half - center.z, 1.0]);
                 }
             }
         }
@@ -311,12 +311,12 @@ impl<S: Sample> View<'_, S> {
         let across = across(&guess.center);
         let patch = self.patch(&guess.center)?;
         self.render(&patch, &guess.center, scores, cap)?;
-        let mut pixels_scores = Scores::new(scores, patch.columns, patch.rows, self.window(&patch))?;
-        self.compare(&patch, &guess, &across, cap, |x, y, cap, _| pixels_scores.set(x, y, cap));
-        let cap_scores = pixels_scores.covariance();
-        let mut pixels_scores = Scores::new(scores, patch.columns, patch.rows, self.window(&patch))?;
-        let mut evidence = self.compare(&patch, &guess, &across, cap, |x, y, _, outline| pixels_scores.set(x, y, outline));
-        let outline_scores = pixels_scores.covariance();
+        let mut pixel_scores = Scores::new(scores, patch.columns, patch.rows, self.window(&patch))?;
+        self.compare(&patch, &guess, &across, cap, |x, y, cap, _| pixel_scores.set(x, y, (*cap).into()));
+        let cap_scores = pixel_scores.covariance();
+        let mut pixel_scores = Scores::new(scores, patch.columns, patch.rows, self.window(&patch))?;
+        let mut evidence = self.compare(&patch, &guess, &across, cap, |x, y, _, outline| pixel_scores.set(x, y, (*outline).into()));
+        let outline_scores = pixel_scores.covariance();
         let mut covariance = Mat3::zeros();
         for _ in 0..3 {
             let mut joint = evidence.cap.informed(&cap_scores, self.factors.cap.value())?;
@@ -327,9 +327,13 @@ impl<S: Sample> View<'_, S> {
             }
             let solver = joint.hessian.cholesky()?;
             covariance = symmetric(&solver.inverse());
-            guess.center = self.moved(&guess.center, &solver.solve(&joint.gradient))?;
+            let step = solver.solve(&joint.gradient);
+            guess.center = self.moved(&guess.center, &step)?;
             self.render(&patch, &guess.center, scores, cap)?;
             evidence = self.compare(&patch, &guess, &across, cap, |_, _, _, _| ());
+            if step.norm() < 1e-2 * sqrt(covariance.trace()) {
+                break;
+            }
         }
         let detection = self.judge(&evidence, &guess, covariance, &patch, pixels)?;
         Some(Found { detection, cap_ratio: evidence.cap.check(&cap_scores), outline_ratio: evidence.outline.check(&outline_scores) })
