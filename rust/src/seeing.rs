@@ -291,18 +291,28 @@ mod tests {
         Camera::from_config(&CameraConfig::default(), DepthCode::Depth { units_per_metre: 1000.0 }).unwrap()
     }
 
-    /// Depth in metres of balls (center, radius) before a wall at `wall` m.
+    /// Depth in metres of balls (center, radius) before a wall at `wall` m, each reading the mean of its ball over a matching window.
     fn image(camera: &Camera, balls: &[(Vec3, f64)], wall: f64) -> StdVec<f32> {
-        let pixel = |i: usize| {
-            let ray = camera.deproject((i % camera.width) as f64, (i / camera.width) as f64, 1.0);
+        let (width, height) = (camera.width, camera.height);
+        let surface = |i: usize| {
+            let ray = camera.deproject((i % width) as f64, (i / width) as f64, 1.0);
             let depth = |(c, r): &(Vec3, f64)| {
                 let (a, b) = (ray.norm_squared(), ray.dot(c));
                 let square = b * b - a * (c.norm_squared() - r * r);
-                if square > 0.0 { (b - crate::math::sqrt(square)) / a } else { f64::INFINITY }
+                (square > 0.0).then(|| (b - crate::math::sqrt(square)) / a)
             };
-            balls.iter().map(depth).fold(wall, f64::min) as f32
+            balls.iter().enumerate().filter_map(|(ball, b)| Some((ball, depth(b)?))).min_by(|a, b| a.1.total_cmp(&b.1))
         };
-        (0..camera.width * camera.height).map(pixel).collect()
+        let surfaces: StdVec<_> = (0..width * height).map(surface).collect();
+        let reading = |i: usize| {
+            let Some((ball, _)) = surfaces[i] else { return wall as f32 };
+            let (x, y) = (i % width, i / width);
+            let rows = y.saturating_sub(3)..(y + 4).min(height);
+            let window = rows.flat_map(|y| (x.saturating_sub(4)..(x + 5).min(width)).map(move |x| y * width + x));
+            let depths: StdVec<f64> = window.filter_map(|i| surfaces[i].filter(|s| s.0 == ball)).map(|s| s.1).collect();
+            (depths.iter().sum::<f64>() / depths.len() as f64) as f32
+        };
+        (0..width * height).map(reading).collect()
     }
 
     fn balls_seen(camera: &Camera, radius: Radii, images: &[StdVec<f32>]) -> Vec<Detection, 16> {
