@@ -12,5 +12,6 @@ pub mod geometry;
 pub mod math;
 pub mod physics;
 pub mod scene;
+pub mod seeing;
 pub mod time;
 pub mod track;
