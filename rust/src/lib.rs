@@ -10,5 +10,6 @@ pub mod error;
 pub mod event;
 pub mod geometry;
 pub mod math;
+pub mod physics;
 pub mod time;
 pub mod track;
