@@ -6,12 +6,15 @@ extern crate std;
 
 pub mod config;
 pub mod detect;
+pub mod engine;
 pub mod error;
 pub mod event;
 pub mod geometry;
 pub mod math;
 pub mod physics;
+pub mod reasoning;
 pub mod scene;
 pub mod seeing;
 pub mod time;
+pub mod timeline;
 pub mod track;
