@@ -15,6 +15,8 @@ pub mod physics;
 pub mod reasoning;
 pub mod scene;
 pub mod seeing;
+#[cfg(feature = "sim")]
+pub mod sim;
 pub mod time;
 pub mod timeline;
 pub mod track;
