@@ -266,6 +266,10 @@ impl Reasoning {
         let samples = between(track.samples(), since, until);
         self.noise.learn(flight, law, samples);
         let Some((information, vector)) = flight.gravity_information(law, samples) else { return };
+        // A throw, a catch or a piece of one frame may pass for a flight; gravity does not change.
+        if self.gravity.size.is_some() && self.gravity.disagreement(&information, &vector) > 30.0 {
+            return;
+        }
         if self.gravity.size.is_some() {
             self.gravity.learn(&information, &vector);
         }

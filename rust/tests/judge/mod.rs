@@ -90,8 +90,10 @@ impl Score {
         let scene = Scene::parse(text).expect(text);
         let (events, pose) = run(&scene, &config(&scene, method));
         let truth = scene.truth();
-        let contacts: Vec<&Contact> = events.iter().filter(|e| e.is_final).filter_map(|e| if let Kind::Contact(c) = &e.kind { Some(c) } else { None }).collect();
-        let surfaces: Vec<&Surface> = events.iter().filter(|e| e.is_final).filter_map(|e| if let Kind::Surface(s) = &e.kind { Some(s) } else { None }).collect();
+        let contacts: Vec<&Contact> =
+            events.iter().filter(|e| e.is_final).filter_map(|e| if let Kind::Contact(c) = &e.kind { Some(c) } else { None }).collect();
+        let surfaces: Vec<&Surface> =
+            events.iter().filter(|e| e.is_final).filter_map(|e| if let Kind::Surface(s) = &e.kind { Some(s) } else { None }).collect();
         let count = |f: fn(&Kind) -> bool| events.iter().filter(|e| f(&e.kind)).count();
         self.tracks += count(|k| matches!(k, Kind::TrackStarted(_)));
         self.inconsistencies += count(|k| matches!(k, Kind::Inconsistency(_)));
@@ -102,10 +104,18 @@ impl Score {
         self.wrong += contacts.iter().filter(|c| !truth.contacts.iter().any(|t| (t.time_ns - c.time_ns).abs() < MATCH_NS)).count();
         for (t, _) in truth.contacts.iter().zip(countable(truth)).filter(|(_, yes)| *yes) {
             self.countable += 1;
-            let nearest = contacts.iter().filter(|c| (t.time_ns - c.time_ns).abs() < MATCH_NS).min_by_key(|c| (t.time_ns - c.time_ns).abs());
+            let nearest =
+                contacts.iter().filter(|c| (t.time_ns - c.time_ns).abs() < MATCH_NS).min_by_key(|c| (t.time_ns - c.time_ns).abs());
             let Some(c) = nearest else {
                 if std::env::var_os("VERBOSE").is_some() {
-                    println!("  missed {text} ball {} t {:.3} at {:.3?} v {:.2?} edge {}", t.ball, t.time_ns as f64 * 1e-9, t.center, t.velocity_before, t.on_edge);
+                    println!(
+                        "  missed {text} ball {} t {:.3} at {:.3?} v {:.2?} edge {}",
+                        t.ball,
+                        t.time_ns as f64 * 1e-9,
+                        t.center,
+                        t.velocity_before,
+                        t.on_edge
+                    );
                 }
                 continue;
             };
@@ -119,11 +129,23 @@ impl Score {
             }
             self.time.push((c.time_ns - t.time_ns) as f64 * 1e-9);
             if std::env::var_os("VERBOSE").is_some() && error.norm() > 0.004 {
-                println!("  off {text} ball {} t {:.3} by {:.1?} mm {:.2} ms nees {:.1} edge {} surface {:?} {}", t.ball, t.time_ns as f64 * 1e-9, (error * 1e3).as_slice(), (c.time_ns - t.time_ns) as f64 * 1e-6, self.nees.last().unwrap(), t.on_edge, c.surface, t.surface);
+                println!(
+                    "  off {text} ball {} t {:.3} by {:.1?} mm {:.2} ms nees {:.1} edge {} surface {:?} {}",
+                    t.ball,
+                    t.time_ns as f64 * 1e-9,
+                    (error * 1e3).as_slice(),
+                    (c.time_ns - t.time_ns) as f64 * 1e-6,
+                    self.nees.last().unwrap(),
+                    t.on_edge,
+                    c.surface,
+                    t.surface
+                );
             }
             let world_from_true = pose.rotation * Pose::from_rows(&truth.world_from_camera).expect("rigid").rotation.transpose();
             let normal = world_from_true * Vec3::from(t.normal);
-            if !t.on_edge && let Some(n) = c.normal {
+            if !t.on_edge
+                && let Some(n) = c.normal
+            {
                 self.normal.push(Vec3::from(n).dot(&normal).clamp(-1.0, 1.0).acos().to_degrees());
             }
         }
@@ -147,7 +169,13 @@ impl Score {
                     self.plane.push(angle);
                 }
                 if std::env::var_os("VERBOSE").is_some() {
-                    println!("  {text} {}: {} contacts, {angle:.2}°, offset {:+.2} mm, above {:?}", t.name, s.contacts, (s.offset - offset) * 1e3, s.above);
+                    println!(
+                        "  {text} {}: {} contacts, {angle:.2}°, offset {:+.2} mm, above {:?}",
+                        t.name,
+                        s.contacts,
+                        (s.offset - offset) * 1e3,
+                        s.above
+                    );
                 }
             }
         }
@@ -163,9 +191,25 @@ impl Score {
         let axis = self.center_axis.map(|s| (s / n).sqrt() * 1e3);
         format!(
             "found {}/{} ({:.1} %), false {} ({:.2}/min), center {:.2} mm rms ({:.2} {:.2} {:.2}), time {:.2} ms rms, NEES {:.2}, normal {:.2}°, height {:.2} mm rms (z {:.2}), planes {:.2}° rms, gravity {:.3}° rms, surfaces {:?}, tracks {}, alarms {}",
-            self.matched, self.countable, 100.0 * self.matched as f64 / self.countable.max(1) as f64, self.wrong, self.wrong as f64 / self.minutes,
-            rms(&self.center) * 1e3, axis[0], axis[1], axis[2], rms(&self.time) * 1e3, mean(&self.nees), rms(&self.normal), rms(&self.height) * 1e3, rms(&self.height_z),
-            rms(&self.plane), rms(&self.gravity), self.surfaces, self.tracks, self.inconsistencies
+            self.matched,
+            self.countable,
+            100.0 * self.matched as f64 / self.countable.max(1) as f64,
+            self.wrong,
+            self.wrong as f64 / self.minutes,
+            rms(&self.center) * 1e3,
+            axis[0],
+            axis[1],
+            axis[2],
+            rms(&self.time) * 1e3,
+            mean(&self.nees),
+            rms(&self.normal),
+            rms(&self.height) * 1e3,
+            rms(&self.height_z),
+            rms(&self.plane),
+            rms(&self.gravity),
+            self.surfaces,
+            self.tracks,
+            self.inconsistencies
         )
     }
 }
