@@ -11,5 +11,6 @@ pub mod event;
 pub mod geometry;
 pub mod math;
 pub mod physics;
+pub mod seeing;
 pub mod time;
 pub mod track;
