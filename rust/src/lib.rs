@@ -12,5 +12,7 @@ pub mod geometry;
 pub mod math;
 pub mod physics;
 pub mod seeing;
+#[cfg(feature = "sim")]
+pub mod sim;
 pub mod time;
 pub mod track;
