@@ -5,10 +5,20 @@
 extern crate std;
 
 pub mod config;
+#[cfg(feature = "std")]
+pub mod config_file;
 pub mod detect;
+pub mod engine;
 pub mod error;
 pub mod event;
 pub mod geometry;
 pub mod math;
+#[cfg(feature = "python")]
+mod python;
+#[cfg(feature = "std")]
+pub mod run;
+pub mod seeing;
+#[cfg(feature = "std")]
+pub mod source;
 pub mod time;
 pub mod track;
