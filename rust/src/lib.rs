@@ -13,10 +13,12 @@ pub mod error;
 pub mod event;
 pub mod geometry;
 pub mod math;
+pub mod physics;
 #[cfg(feature = "python")]
 mod python;
 #[cfg(feature = "std")]
 pub mod run;
+pub mod scene;
 pub mod seeing;
 #[cfg(feature = "std")]
 pub mod source;

@@ -1,10 +1,370 @@
-//! Frames to positions.
+//! Frames to balls: background, components, fits. It borrows its buffers, for images of any size, and allocates nothing.
 
-/// A depth image, row by row.
+use crate::config::ObjectConfig;
+use crate::detect::Detection;
+use crate::detect::ball::{PATCH, View};
+use crate::detect::components::{Component, Run, connect};
+use crate::detect::foreground::{self, Coding, Frame, Sample};
+use crate::detect::noise::Noise;
+use crate::error::ConfigError;
+use crate::geometry::camera::Camera;
+use crate::math::Vec3;
+use core::ops::{Deref, DerefMut};
+use heapless::Vec;
+
+/// Smallest component that is looked at, px: below it, depth says too little of a ball.
+const FEWEST_PIXELS: u32 = 20;
+
+/// One depth image, row by row.
 #[derive(Clone, Copy, Debug)]
 pub enum Image<'a> {
-    /// Samples as the camera's [`DepthCode`](crate::geometry::camera::DepthCode) tells.
+    /// Samples as the camera's code says: disparity, or depth in its units.
     U16(&'a [u16]),
-    /// Depth z in metres; NaN is no reading.
+    /// Metres; NaN, 0 or less is no reading.
     F32(&'a [f32]),
+}
+
+/// Why an image can't be seen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SeeError {
+    /// It does not have width × height samples.
+    Size {
+        /// Samples it should have.
+        expected: usize,
+        /// Samples it has.
+        found: usize,
+    },
+    /// The stream began with the other kind of samples.
+    Kind,
+}
+
+impl core::fmt::Display for SeeError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Size { expected, found } => write!(f, "the image has {found} samples, the camera {expected} pixels"),
+            Self::Kind => write!(f, "a stream of integer samples can't change to floating point, nor back"),
+        }
+    }
+}
+
+impl core::error::Error for SeeError {}
+
+/// A slice that is borrowed or, with `std`, owned.
+pub enum Slice<'b, T> {
+    /// The caller's.
+    Borrowed(&'b mut [T]),
+    /// Our own.
+    #[cfg(feature = "std")]
+    Owned(std::vec::Vec<T>),
+}
+
+impl<T> Deref for Slice<'_, T> {
+    type Target = [T];
+    fn deref(&self) -> &[T] {
+        match self {
+            Self::Borrowed(slice) => slice,
+            #[cfg(feature = "std")]
+            Self::Owned(slice) => slice,
+        }
+    }
+}
+
+impl<T> DerefMut for Slice<'_, T> {
+    fn deref_mut(&mut self) -> &mut [T] {
+        match self {
+            Self::Borrowed(slice) => slice,
+            #[cfg(feature = "std")]
+            Self::Owned(slice) => slice,
+        }
+    }
+}
+
+/// How many elements each buffer must have, at least.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sizes {
+    /// Of `limits` and of `farthest`.
+    pub pixels: usize,
+    /// Of `depths`.
+    pub depths: usize,
+    /// Of `runs`; more of them, and more clutter is borne.
+    pub runs: usize,
+    /// Of `scores`.
+    pub scores: usize,
+}
+
+/// The memory that [`Seeing`] works in; what it holds at first does not matter.
+pub struct Buffers<'b> {
+    /// For each pixel, where the background begins.
+    pub limits: Slice<'b, u16>,
+    /// For each pixel, the farthest reading while the background is learned.
+    pub farthest: Slice<'b, u16>,
+    /// Depth of each disparity.
+    pub depths: Slice<'b, f32>,
+    /// Runs of foreground.
+    pub runs: Slice<'b, Run>,
+    /// One ball's pixels.
+    pub scores: Slice<'b, [f32; 3]>,
+}
+
+impl Buffers<'_> {
+    /// Sizes for images of `width` × `height` pixels.
+    pub const fn required(width: usize, height: usize) -> Sizes {
+        let patch = PATCH + 16;
+        Sizes { pixels: width * height, depths: 2048, runs: width * height / 16 + 64, scores: patch * patch }
+    }
+}
+
+#[cfg(feature = "std")]
+impl Buffers<'static> {
+    /// Buffers of their own, for images of `width` × `height` pixels.
+    pub fn owned(width: usize, height: usize) -> Self {
+        let sizes = Self::required(width, height);
+        Self {
+            limits: Slice::Owned(std::vec![0; sizes.pixels]),
+            farthest: Slice::Owned(std::vec![0; sizes.pixels]),
+            depths: Slice::Owned(std::vec![0.0; sizes.depths]),
+            runs: Slice::Owned(std::vec![Run::default(); sizes.runs]),
+            scores: Slice::Owned(std::vec![[0.0; 3]; sizes.scores]),
+        }
+    }
+}
+
+/// Sees balls of known radius in depth images.
+pub struct Seeing<'b> {
+    camera: Camera,
+    coding: Coding,
+    radii: Vec<f64, 4>,
+    noise: Noise,
+    buffers: Buffers<'b>,
+    background_frames: u32,
+    seen: u32,
+    floating: Option<bool>,
+    cluttered: u64,
+}
+
+impl<'b> Seeing<'b> {
+    /// Sees the images of `camera`; the first `background_frames` teach what is there without a ball, 0 for none.
+    ///
+    /// # Errors
+    /// No radius, a camera without pixels, or buffers that are too small for it (see [`Buffers::required`]).
+    pub fn new(camera: &Camera, object: &ObjectConfig, background_frames: u32, mut buffers: Buffers<'b>) -> Result<Self, ConfigError> {
+        let radii = Vec::from_slice(object.radius.as_slice()).unwrap_or_default();
+        if radii.is_empty() || !radii.iter().all(|r| *r > 0.0 && r.is_finite()) {
+            return Err(ConfigError { key: "object.radius", value: f64::NAN, expected: "1 to 4 lengths, m" });
+        }
+        if !(1..=8192).contains(&camera.width) || !(1..=8192).contains(&camera.height) {
+            return Err(ConfigError { key: "camera.width", value: camera.width as f64, expected: "1 to 8192 px, and so the height" });
+        }
+        let sizes = Buffers::required(camera.width, camera.height);
+        let enough = buffers.limits.len() >= sizes.pixels
+            && buffers.farthest.len() >= sizes.pixels
+            && buffers.depths.len() >= sizes.depths
+            && buffers.runs.len() >= sizes.runs
+            && buffers.scores.len() >= sizes.scores;
+        if !enough {
+            return Err(ConfigError { key: "camera.width", value: camera.width as f64, expected: "buffers of the camera's size" });
+        }
+        let coding = Coding::new(camera);
+        coding.tabulate(&mut buffers.depths);
+        Ok(Self {
+            camera: *camera,
+            coding,
+            radii,
+            noise: Noise::default(),
+            buffers,
+            background_frames,
+            seen: 0,
+            floating: None,
+            cluttered: 0,
+        })
+    }
+
+    /// Frames in which nothing could be told apart because there were more pieces of foreground than the buffers hold.
+    pub fn cluttered(&self) -> u64 {
+        self.cluttered
+    }
+
+    /// Finds the balls of one frame; while the background is learned there are none. `detections` is emptied first.
+    ///
+    /// # Errors
+    /// The image is not the camera's. Nothing has changed then.
+    pub fn see(&mut self, image: Image<'_>, detections: &mut Vec<Detection, 16>) -> Result<(), SeeError> {
+        detections.clear();
+        let (found, floating) = match image {
+            Image::U16(samples) => (samples.len(), false),
+            Image::F32(samples) => (samples.len(), true),
+        };
+        let expected = self.camera.width * self.camera.height;
+        if found != expected {
+            return Err(SeeError::Size { expected, found });
+        }
+        if *self.floating.get_or_insert(floating) != floating {
+            return Err(SeeError::Kind);
+        }
+        match image {
+            Image::U16(samples) => self.see_samples(samples, detections),
+            Image::F32(samples) => self.see_samples(samples, detections),
+        }
+        Ok(())
+    }
+
+    fn see_samples<S: Sample>(&mut self, samples: &[S], detections: &mut Vec<Detection, 16>) {
+        let Buffers { limits, farthest, depths, runs, scores } = &mut self.buffers;
+        let pixels = samples.len();
+        let (Some(limits), Some(farthest)) = (limits.get_mut(..pixels), farthest.get_mut(..pixels)) else { return };
+        if self.seen == 0 {
+            limits.fill(0);
+            farthest.fill(0);
+        }
+        let learning = self.seen < self.background_frames;
+        if learning {
+            foreground::learn(samples, &self.coding, limits, farthest);
+        }
+        if self.seen == self.background_frames {
+            foreground::limit::<S>(&self.coding, self.background_frames, limits, farthest);
+        }
+        self.seen = self.seen.saturating_add(1).min(self.background_frames + 1);
+        if learning {
+            return;
+        }
+        let frame = Frame { samples, limits, depths, coding: self.coding };
+        let smallest = self.radii.iter().copied().fold(f64::INFINITY, f64::min);
+        let Ok(count) = connect(&frame, self.camera.width, View::<S>::jump(smallest), self.noise, runs) else {
+            self.cluttered += 1;
+            return;
+        };
+        for (index, run) in runs.iter().take(count).enumerate() {
+            let Some(component) = run.component(index).filter(|c| c.pixels >= FEWEST_PIXELS) else { continue };
+            let found = look(&frame, &self.camera, self.noise, &self.radii, component, scores);
+            if let Some(detection) = found
+                && detections.push(detection).is_err()
+            {
+                break;
+            }
+        }
+    }
+}
+
+/// The ball that a component is, if it can be one: the radius whose disc comes nearest in size.
+fn look<S: Sample>(
+    frame: &Frame<'_, S>,
+    camera: &Camera,
+    noise: Noise,
+    radii: &[f64],
+    component: &Component,
+    scores: &mut [[f32; 3]],
+) -> Option<Detection> {
+    let (column, row, depth) = component.mean();
+    let pixels = f64::from(component.pixels);
+    let view = |radius: f64| View { frame, camera, noise, radius };
+    // Seen from the front, the mean depth of a cap is that of its center less two thirds of the radius.
+    let start = |radius: f64| -> Vec3 { camera.deproject(column, row, depth + radius * 2.0 / 3.0) };
+    let ratio = |radius: f64| pixels / view(radius).disc(&start(radius));
+    let mismatch = |radius: f64| crate::math::log(ratio(radius)).abs();
+    let radius = radii.iter().copied().min_by(|a, b| mismatch(*a).total_cmp(&mismatch(*b)))?;
+    if !(0.25..4.0).contains(&ratio(radius)) {
+        return None;
+    }
+    view(radius).fit(start(radius), component.pixels, scores)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{CameraConfig, Radii};
+    use crate::detect::Blob;
+    use crate::geometry::camera::DepthCode;
+    use std::vec::Vec as StdVec;
+
+    fn camera() -> Camera {
+        Camera::from_config(&CameraConfig::default(), DepthCode::Depth { units_per_metre: 1000.0 }).unwrap()
+    }
+
+    /// Depth in metres of balls (center, radius) before a wall at `wall` m.
+    fn image(camera: &Camera, balls: &[(Vec3, f64)], wall: f64) -> StdVec<f32> {
+        let pixel = |i: usize| {
+            let ray = camera.deproject((i % camera.width) as f64, (i / camera.width) as f64, 1.0);
+            let depth = |(c, r): &(Vec3, f64)| {
+                let (a, b) = (ray.norm_squared(), ray.dot(c));
+                let square = b * b - a * (c.norm_squared() - r * r);
+                if square > 0.0 { (b - crate::math::sqrt(square)) / a } else { f64::INFINITY }
+            };
+            balls.iter().map(depth).fold(wall, f64::min) as f32
+        };
+        (0..camera.width * camera.height).map(pixel).collect()
+    }
+
+    fn balls_seen(camera: &Camera, radius: Radii, images: &[StdVec<f32>]) -> Vec<Detection, 16> {
+        let object = ObjectConfig { radius, ..ObjectConfig::default() };
+        let frames = images.len() as u32 - 1;
+        let mut seeing = Seeing::new(camera, &object, frames, Buffers::owned(camera.width, camera.height)).unwrap();
+        let mut found = Vec::new();
+        for image in images {
+            assert!(found.is_empty());
+            seeing.see(Image::F32(image), &mut found).unwrap();
+        }
+        found
+    }
+
+    #[test]
+    fn a_perfect_ball_is_where_it_is() {
+        let camera = camera();
+        for center in [Vec3::new(0.0, 0.0, 1.0), Vec3::new(0.3, -0.2, 1.5), Vec3::new(-0.8, 0.4, 2.0), Vec3::new(0.1, 0.1, 0.5)] {
+            let found = balls_seen(&camera, Radii::one(0.033), &[image(&camera, &[(center, 0.033)], f64::NAN)]);
+            assert_eq!(found.len(), 1, "{center}");
+            assert_eq!(found[0].blob, Blob::Whole, "{center}");
+            let error = found[0].center - center;
+            // The pixels alone leave 0.1 px of the silhouette open.
+            assert!(error.norm() < 0.1 * center.z / camera.fx + 1e-4, "{error}");
+            assert!((found[0].row - (center.y / center.z * camera.fy + camera.cy)).abs() < 0.1);
+        }
+    }
+
+    #[test]
+    fn a_ball_before_a_wall_is_seen_with_and_without_its_background() {
+        let camera = camera();
+        let center = Vec3::new(0.1, -0.1, 1.5);
+        let (wall, ball) = (image(&camera, &[], 2.5), image(&camera, &[(center, 0.033)], 2.5));
+        for images in [StdVec::from([ball.clone()]), StdVec::from([wall.clone(), wall.clone(), wall.clone(), wall, ball.clone()])] {
+            let found = balls_seen(&camera, Radii::one(0.033), &images);
+            assert_eq!(found.len(), 1);
+            assert!((found[0].center - center).norm() < 3e-4);
+        }
+    }
+
+    #[test]
+    fn a_ball_does_not_burn_into_the_background() {
+        let camera = camera();
+        let ball = |x: f64| image(&camera, &[(Vec3::new(x, 0.0, 1.5), 0.033)], 2.5);
+        let found = balls_seen(&camera, Radii::one(0.033), &[ball(0.0), ball(0.0), ball(0.2), ball(0.3), ball(0.0)]);
+        assert_eq!(found.len(), 1);
+        assert_eq!(found[0].blob, Blob::Whole);
+    }
+
+    #[test]
+    fn cut_and_merged_balls_are_known_as_such() {
+        let camera = camera();
+        let blob = |balls: &[(Vec3, f64)]| balls_seen(&camera, Radii::one(0.033), &[image(&camera, balls, f64::NAN)]);
+        let at_the_edge = Vec3::new(-319.5 / 575.8 * 1.5, 0.0, 1.5);
+        assert!(blob(&[(at_the_edge, 0.033)]).iter().all(|d| d.blob == Blob::Cut));
+        let ball = (Vec3::new(0.0, 0.0, 1.5), 0.033);
+        let hidden = blob(&[ball, (Vec3::new(0.04, 0.0, 1.0), 0.033)]);
+        assert_eq!(hidden.iter().filter(|d| d.blob == Blob::Cut).count(), 1);
+        assert_eq!(hidden.iter().filter(|d| d.blob == Blob::Whole).count(), 1);
+        let touching = blob(&[ball, (Vec3::new(0.05, 0.0, 1.5), 0.033)]);
+        assert!(!touching.is_empty() && touching.iter().all(|d| d.blob == Blob::Merged));
+    }
+
+    #[test]
+    fn of_several_radii_the_right_one_is_chosen() {
+        let camera = camera();
+        let balls = [(Vec3::new(-0.2, 0.0, 1.5), 0.02), (Vec3::new(0.2, 0.0, 1.5), 0.033)];
+        let mut found = balls_seen(&camera, Radii::Many(Vec::from_slice(&[0.033, 0.02]).unwrap()), &[image(&camera, &balls, f64::NAN)]);
+        assert_eq!(found.len(), 2);
+        found.sort_by(|a, b| a.center.x.total_cmp(&b.center.x));
+        for (detection, (center, radius)) in found.iter().zip(balls) {
+            assert_eq!(detection.radius, radius);
+            assert!((detection.center - center).norm() < 3e-4);
+        }
+    }
 }

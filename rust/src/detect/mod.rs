@@ -1,5 +1,11 @@
 //! From a depth image to the balls in it.
 
+pub mod ball;
+pub mod components;
+pub mod foreground;
+pub mod noise;
+pub mod sphere;
+
 use crate::math::{Mat3, Vec3};
 
 /// What a blob of foreground turned out to be.

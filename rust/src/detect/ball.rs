@@ -1,0 +1,292 @@
+//! A ball of known radius in one image: the depth of its cap and its silhouette, in one set of normal equations.
+
+use super::foreground::{Frame, Sample};
+use super::noise::{Noise, Scores};
+use super::{Blob, Detection};
+use crate::geometry::camera::Camera;
+use crate::math::{Mat3, Vec3, ceil, floor, sqrt, symmetric};
+
+/// Residuals beyond this many standard deviations count linearly only (Huber).
+const HUBER: f64 = 2.0;
+/// Half the width over which the silhouette's edge is compared, px: wide enough for its noise, narrow enough to see nothing else.
+const BAND: f64 = 2.0;
+/// Prior of how far the silhouette falls short of the disc because grazing rays return nothing: mean and standard deviation, px.
+const SHORTFALL: (f64, f64) = (0.5, 1.0);
+/// Pixels across, above which only every second, third, … pixel of a ball is read.
+pub const PATCH: usize = 96;
+
+/// What is needed to look for a ball.
+pub struct View<'v, S> {
+    /// The image.
+    pub frame: &'v Frame<'v, S>,
+    /// The camera that took it.
+    pub camera: &'v Camera,
+    /// Its noise.
+    pub noise: Noise,
+    /// Radius of the ball, m.
+    pub radius: f64,
+}
+
+/// Normal equations of one kind of evidence: H · step = g.
+#[derive(Default)]
+struct Equations {
+    hessian: Mat3,
+    gradient: Vec3,
+}
+
+impl Equations {
+    fn add(&mut self, jacobian: &Vec3, residual: f64, weight: f64) {
+        self.hessian += jacobian * jacobian.transpose() * weight;
+        self.gradient += jacobian * (weight * residual);
+    }
+
+    /// `scores` is the covariance of `gradient` as the correlated noise makes it. The estimate that these equations give has the information
+    /// H S⁻¹ H, so that is what they count when they are joined with others.
+    fn informed(&self, scores: &Mat3) -> Option<Self> {
+        let to_information = self.hessian * scores.try_inverse()?;
+        Some(Self { hessian: symmetric(&(to_information * self.hessian)), gradient: to_information * self.gradient })
+    }
+}
+
+/// What the pixels around a ball say, given a guess of it.
+#[derive(Default)]
+struct Evidence {
+    cap: Equations,
+    outline: Equations,
+    /// Pixels that took part in `cap`, sums of their squared residuals: m², and in units of their variances.
+    points: u32,
+    squares: f64,
+    normalized: f64,
+    /// Pixels well inside the disc; of those, the ones that show the ball, and the ones that the background may hide.
+    disc: u32,
+    seen: u32,
+    hidden: u32,
+    /// Pixels of foreground at the ball's depth, in the disc or on its edge.
+    mask: u32,
+}
+
+/// Pixels to look at: a rectangle, thinned where it is large.
+struct Patch {
+    left: usize,
+    top: usize,
+    columns: usize,
+    rows: usize,
+    stride: usize,
+    cut: bool,
+}
+
+/// A guess that is being refined: center, and the silhouette's shortfall, m.
+#[derive(Clone, Copy)]
+struct Guess {
+    center: Vec3,
+    shortfall: f64,
+}
+
+impl<S: Sample> View<'_, S> {
+    /// Pixels a metre across the ray, at depth `z`.
+    fn scale(&self, z: f64) -> f64 {
+        sqrt(self.camera.fx * self.camera.fy) / z
+    }
+
+    /// Pixels that the whole disc of a ball with this center fills.
+    pub fn disc(&self, center: &Vec3) -> f64 {
+        let r = self.radius * self.scale(center.z);
+        core::f64::consts::PI * r * r
+    }
+
+    /// Differences in depth that one ball can show to neighbouring pixels, besides noise, m.
+    pub fn jump(radius: f64) -> f64 {
+        0.5 * radius
+    }
+
+    fn patch(&self, center: &Vec3) -> Option<Patch> {
+        let camera = self.camera;
+        let (column, row) = camera.project(center)?;
+        // The disc of a ball off the axis is an ellipse, longer by 1/cos of the angle; squared, it is on the safe side.
+        let margin = self.radius * center.norm_squared() / (center.z * center.z * center.z);
+        let (half_width, half_height) = (margin * camera.fx, margin * camera.fy);
+        let span = |middle: f64, half: f64, size: usize| {
+            let (low, high) = (floor(middle - half - BAND - 1.0), ceil(middle + half + BAND + 2.0));
+            let range = low.clamp(0.0, size as f64) as usize..high.clamp(0.0, size as f64) as usize;
+            (range, middle - half < 0.0 || middle + half > size as f64 - 1.0)
+        };
+        let (columns, cut_x) = span(column, half_width, camera.width);
+        let (rows, cut_y) = span(row, half_height, camera.height);
+        if columns.is_empty() || rows.is_empty() {
+            return None;
+        }
+        let stride = columns.len().max(rows.len()).div_ceil(PATCH);
+        Some(Patch {
+            left: columns.start,
+            top: rows.start,
+            columns: columns.len().div_ceil(stride),
+            rows: rows.len().div_ceil(stride),
+            stride,
+            cut: cut_x || cut_y,
+        })
+    }
+
+    /// Compares the image with a guess. `score` is told, for each pixel of the patch, its part in the two gradients times the standard deviation of
+    /// its noise. `across` are two directions across the line of sight, in which the silhouette is measured.
+    fn compare(&self, patch: &Patch, guess: &Guess, across: &[Vec3; 2], mut score: impl FnMut(usize, usize, &Vec3, &Vec3)) -> Evidence {
+        let (camera, noise, radius) = (self.camera, self.noise, self.radius);
+        let Guess { center, shortfall } = *guess;
+        let scale = self.scale(center.z);
+        let square = center.norm_squared();
+        let near = 2.0 * Self::jump(radius) + 4.0 * noise.axial(center.z);
+        let mut evidence = Evidence::default();
+        for y in 0..patch.rows {
+            let row = patch.top + y * patch.stride;
+            let v = (row as f64 - camera.cy) / camera.fy;
+            for x in 0..patch.columns {
+                let column = patch.left + x * patch.stride;
+                let ray = Vec3::new((column as f64 - camera.cx) / camera.fx, v, 1.0);
+                // The ray comes nearest to the center at ray · along, as far from it as `offset` is long.
+                let ray_square = ray.norm_squared();
+                let along = ray.dot(&center) / ray_square;
+                let offset_square = (square - along * along * ray_square).max(0.0);
+                let offset = sqrt(offset_square);
+                let inside = (radius - shortfall - offset) * scale;
+                if inside < -BAND {
+                    continue;
+                }
+                let index = row * camera.width + column;
+                let reading = self.frame.foreground(index);
+                let half_chord = sqrt(((radius * radius - offset_square) / ray_square).max(0.0));
+                let surface = along - half_chord;
+                let shows = reading.is_some_and(|z| z > surface - near && z < center.z + near);
+                evidence.mask += u32::from(shows);
+                let mut parts = [Vec3::zeros(); 2];
+
+                if let (Some(z), true) = (reading, half_chord > 0.0) {
+                    let residual = z - surface;
+                    // The surface moves along the ray by jacobian · step when the center moves by step.
+                    let jacobian = (center - ray * surface) / (half_chord * ray_square);
+                    let slope_x = surface * jacobian.x / camera.fx;
+                    let slope_y = surface * jacobian.y / camera.fy;
+                    let (axial, lateral) = (noise.axial(z), noise.lateral(half_chord / radius));
+                    let variance = axial * axial + lateral * lateral * (slope_x * slope_x + slope_y * slope_y);
+                    if residual.abs() < near {
+                        let normalized = residual.abs() / sqrt(variance);
+                        let weight = (HUBER / normalized).min(1.0) / variance;
+                        evidence.cap.add(&jacobian, residual, weight);
+                        evidence.points += 1;
+                        evidence.squares += residual * residual;
+                        evidence.normalized += normalized * normalized;
+                        parts[0] = jacobian * (weight * sqrt(variance));
+                    }
+                }
+
+                let hidden = || self.frame.limit(index) < surface + 2.0 * noise.axial(surface);
+                if inside > 1.0 {
+                    evidence.disc += 1;
+                    evidence.seen += u32::from(shows);
+                    evidence.hidden += u32::from(!shows && hidden());
+                } else if inside < BAND
+                    && offset > 0.0
+                    && (shows || !(hidden() || self.frame.reading(index).is_some_and(|z| z < surface - near)))
+                {
+                    // Inside the band the share of the ball in a pixel falls linearly from 1 to 0.
+                    let slope = scale / (2.0 * BAND);
+                    let residual = f64::from(u8::from(shows)) - (0.5 + inside / (2.0 * BAND));
+                    let outward = (ray * along - center) / offset;
+                    let jacobian = Vec3::new(outward.dot(&across[0]), outward.dot(&across[1]), -1.0) * slope;
+                    evidence.outline.add(&jacobian, residual, 1.0);
+                    parts[1] = jacobian * (noise.lateral(1.0) / (2.0 * BAND));
+                }
+                score(x, y, &parts[0], &parts[1]);
+            }
+        }
+        evidence
+    }
+
+    /// Fits the ball from a first guess of its center, camera frame, m; `pixels` is how many its component has. `None` where no ball of this
+    /// radius looks like that.
+    pub fn fit(&self, start: Vec3, pixels: u32, scores: &mut [[f32; 3]]) -> Option<Detection> {
+        let mut guess = Guess { center: start, shortfall: SHORTFALL.0 / self.scale(start.z) };
+        for _ in 0..3 {
+            let evidence = self.compare(&self.patch(&guess.center)?, &guess, &across(&guess.center), |_, _, _, _| ());
+            guess.center = self.moved(&guess.center, &evidence.cap.hessian.cholesky()?.solve(&evidence.cap.gradient))?;
+        }
+        let across = across(&guess.center);
+        let patch = self.patch(&guess.center)?;
+        let window = self.noise.window.div_ceil(patch.stride);
+        let mut patch_scores = Scores::new(scores, patch.columns, patch.rows, window)?;
+        self.compare(&patch, &guess, &across, |x, y, cap, _| patch_scores.set(x, y, cap));
+        let cap_scores = patch_scores.covariance();
+        let mut patch_scores = Scores::new(scores, patch.columns, patch.rows, window)?;
+        let mut evidence = self.compare(&patch, &guess, &across, |x, y, _, outline| patch_scores.set(x, y, outline));
+        let outline_scores = patch_scores.covariance();
+        let mut covariance = Mat3::zeros();
+        for _ in 0..2 {
+            let mut joint = evidence.cap.informed(&cap_scores)?;
+            if let Some((outline, shortfall)) = self.outline(&evidence.outline, &outline_scores, &guess, &across) {
+                joint.hessian += outline.hessian;
+                joint.gradient += outline.gradient;
+                guess.shortfall += shortfall;
+            }
+            let solver = joint.hessian.cholesky()?;
+            covariance = symmetric(&solver.inverse());
+            guess.center = self.moved(&guess.center, &solver.solve(&joint.gradient))?;
+            evidence = self.compare(&patch, &guess, &across, |_, _, _, _| ());
+        }
+        self.judge(&evidence, &guess, covariance, &patch, pixels)
+    }
+
+    /// What the silhouette says of the center, after its shortfall has been estimated too; and that estimate's step, m.
+    fn outline(&self, equations: &Equations, scores: &Mat3, guess: &Guess, across: &[Vec3; 2]) -> Option<(Equations, f64)> {
+        let mut informed = equations.informed(scores)?;
+        let scale = self.scale(guess.center.z);
+        let prior = scale * scale / (SHORTFALL.1 * SHORTFALL.1);
+        informed.hessian[(2, 2)] += prior;
+        informed.gradient.z += prior * (SHORTFALL.0 / scale - guess.shortfall);
+        let (h, g) = (&informed.hessian, &informed.gradient);
+        let step = h.cholesky()?.solve(g);
+        let to_camera = nalgebra::Matrix3x2::from_columns(across);
+        let coupling = h.fixed_view::<2, 1>(0, 2) / h[(2, 2)];
+        let hessian = h.fixed_view::<2, 2>(0, 0) - coupling * h.fixed_view::<1, 2>(2, 0);
+        let gradient = g.fixed_rows::<2>(0) - coupling * g.z;
+        Some((Equations { hessian: to_camera * hessian * to_camera.transpose(), gradient: to_camera * gradient }, step.z))
+    }
+
+    /// The center after a step; `None` where it leaves what can be.
+    fn moved(&self, center: &Vec3, step: &Vec3) -> Option<Vec3> {
+        let moved = center + step;
+        (step.norm() < 2.0 * self.radius && moved.z > self.radius && moved.z < self.camera.max_depth + self.radius).then_some(moved)
+    }
+
+    fn judge(&self, evidence: &Evidence, guess: &Guess, covariance: Mat3, patch: &Patch, pixels: u32) -> Option<Detection> {
+        let thinned = (patch.stride * patch.stride) as f64;
+        let (points, disc) = (f64::from(evidence.points), f64::from(evidence.disc));
+        let finite = guess.center.iter().chain(covariance.iter()).all(|x| x.is_finite());
+        if evidence.points < 6 || evidence.normalized > 6.0 * points || f64::from(evidence.seen) < 0.25 * disc || !finite {
+            return None;
+        }
+        let missing = f64::from(evidence.disc - evidence.seen - evidence.hidden);
+        let extra = f64::from(pixels) - f64::from(evidence.mask) * thinned;
+        let blob = if extra > 0.15 * self.disc(&guess.center) {
+            Blob::Merged
+        } else if patch.cut || missing > 0.08 * disc || f64::from(evidence.hidden) > 0.4 * disc {
+            Blob::Cut
+        } else {
+            Blob::Whole
+        };
+        let (_, row) = self.camera.project(&guess.center)?;
+        Some(Detection {
+            center: guess.center,
+            covariance,
+            radius: self.radius,
+            points: evidence.points,
+            residual_rms: sqrt(evidence.squares / points),
+            row,
+            blob,
+        })
+    }
+}
+
+/// Two unit vectors across the line of sight to `center`.
+fn across(center: &Vec3) -> [Vec3; 2] {
+    let sight = center.normalize();
+    let right = Vec3::y().cross(&sight).normalize();
+    [right, sight.cross(&right)]
+}

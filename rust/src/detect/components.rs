@@ -1,0 +1,168 @@
+//! Connected components of the foreground, over runs of pixels in a row: neighbours belong together when their depths may be one ball's.
+
+use super::foreground::{Frame, Sample};
+use super::noise::Noise;
+use core::ops::Range;
+
+/// Pixels looked at together where most show nothing.
+const CHUNK: usize = 32;
+
+/// Foreground pixels side by side in one row, without a jump in depth; the first run of a component also carries its sums.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Run {
+    row: u16,
+    start: u16,
+    end: u16,
+    parent: u32,
+    component: Component,
+}
+
+/// A component: how many pixels, where, how deep.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Component {
+    /// Pixels.
+    pub pixels: u32,
+    /// First and last row.
+    pub rows: [u16; 2],
+    /// First and last column.
+    pub columns: [u16; 2],
+    column_sum: f32,
+    row_sum: f32,
+    depth_sum: f32,
+}
+
+impl Component {
+    /// Mean column and row, px, and mean depth, m.
+    pub fn mean(&self) -> (f64, f64, f64) {
+        let n = f64::from(self.pixels.max(1));
+        (f64::from(self.column_sum) / n, f64::from(self.row_sum) / n, f64::from(self.depth_sum) / n)
+    }
+
+    fn join(&mut self, other: &Self) {
+        self.pixels += other.pixels;
+        self.rows = [self.rows[0].min(other.rows[0]), self.rows[1].max(other.rows[1])];
+        self.columns = [self.columns[0].min(other.columns[0]), self.columns[1].max(other.columns[1])];
+        self.column_sum += other.column_sum;
+        self.row_sum += other.row_sum;
+        self.depth_sum += other.depth_sum;
+    }
+}
+
+/// There were more runs than the buffer holds: nothing in such a frame can be told apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cluttered;
+
+/// Finds the runs of an image of `width` columns and joins them; what differs by less than `jump` (m) plus the noise is one.
+/// Returns how many runs there are, in the order of their rows.
+///
+/// # Errors
+/// [`Cluttered`] where `runs` are too few.
+pub fn connect<S: Sample>(frame: &Frame<'_, S>, width: usize, jump: f64, noise: Noise, runs: &mut [Run]) -> Result<usize, Cluttered> {
+    let joined = |index: usize, other: usize| {
+        matches!((frame.foreground(index), frame.foreground(other)),
+            (Some(a), Some(b)) if (a - b).abs() < jump + 4.0 * noise.axial(a.min(b)))
+    };
+    let (mut above, mut count) = (0..0, 0);
+    for (row, (samples, limits)) in frame.samples.chunks_exact(width).zip(frame.limits.chunks_exact(width)).enumerate() {
+        let first = count;
+        let mut open: Option<(usize, f64)> = None;
+        for (chunk, (samples, limits)) in samples.chunks(CHUNK).zip(limits.chunks(CHUNK)).enumerate() {
+            // No early exit: a fixed loop over a chunk becomes a few wide instructions.
+            if !samples.iter().zip(limits).fold(false, |any, (sample, limit)| any | (sample.key(&frame.coding) < *limit)) {
+                open = None;
+                continue;
+            }
+            for column in chunk * CHUNK..chunk * CHUNK + samples.len() {
+                let Some(z) = frame.foreground(row * width + column) else {
+                    open = None;
+                    continue;
+                };
+                match open {
+                    Some((run, last)) if (z - last).abs() < jump + 4.0 * noise.axial(z.min(last)) => {
+                        runs.get_mut(run).ok_or(Cluttered)?.push(column, row, z);
+                        open = Some((run, z));
+                    }
+                    _ => {
+                        *runs.get_mut(count).ok_or(Cluttered)? = Run::new(count, column, row, z);
+                        open = Some((count, z));
+                        count += 1;
+                    }
+                }
+            }
+        }
+        join_rows(runs, above, first..count, |column| joined(row * width + column, (row - 1) * width + column));
+        above = first..count;
+    }
+    Ok(count)
+}
+
+/// Joins each run of a row with those above it that it touches.
+fn join_rows(runs: &mut [Run], above: Range<usize>, below: Range<usize>, joined: impl Fn(usize) -> bool) {
+    let (mut a, mut b) = (above.start, below.start);
+    while a < above.end && b < below.end {
+        let Some((&upper, &lower)) = runs.get(a).zip(runs.get(b)) else { return };
+        if (upper.start.max(lower.start)..upper.end.min(lower.end)).any(|column| joined(usize::from(column))) {
+            unite(runs, a, b);
+        }
+        // What ends first touches nothing further to the right.
+        if upper.end < lower.end { a += 1 } else { b += 1 }
+    }
+}
+
+/// The first run of the component that run `i` belongs to; halves the path to it on the way.
+pub fn root(runs: &mut [Run], mut i: usize) -> usize {
+    loop {
+        let parent = runs.get(i).map_or(i, |run| run.parent as usize);
+        let Some(grandparent) = runs.get(parent).map(|run| run.parent).filter(|_| parent != i) else { return i };
+        if let Some(run) = runs.get_mut(i) {
+            run.parent = grandparent;
+        }
+        i = grandparent as usize;
+    }
+}
+
+fn unite(runs: &mut [Run], a: usize, b: usize) {
+    let (a, b) = (root(runs, a), root(runs, b));
+    let (first, second) = (a.min(b), a.max(b));
+    if first == second {
+        return;
+    }
+    if let Ok([first_run, second_run]) = runs.get_disjoint_mut([first, second]) {
+        first_run.component.join(&second_run.component);
+        second_run.parent = first as u32;
+    }
+}
+
+impl Run {
+    fn new(index: usize, column: usize, row: usize, z: f64) -> Self {
+        let (column, row) = (column as u16, row as u16);
+        let component = Component {
+            pixels: 1,
+            rows: [row; 2],
+            columns: [column; 2],
+            column_sum: f32::from(column),
+            row_sum: f32::from(row),
+            depth_sum: z as f32,
+        };
+        Self { row, start: column, end: column + 1, parent: index as u32, component }
+    }
+
+    fn push(&mut self, column: usize, row: usize, z: f64) {
+        self.end = column as u16 + 1;
+        self.component.pixels += 1;
+        self.component.columns[1] = column as u16;
+        self.component.column_sum += column as f32;
+        self.component.row_sum += row as f32;
+        self.component.depth_sum += z as f32;
+    }
+
+    /// Its component, where it is the first run of one.
+    pub fn component(&self, index: usize) -> Option<&Component> {
+        (self.parent as usize == index).then_some(&self.component)
+    }
+
+    /// Its row and its columns.
+    pub fn pixels(&self) -> (usize, Range<usize>) {
+        (self.row.into(), self.start.into()..self.end.into())
+    }
+}

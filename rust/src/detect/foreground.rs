@@ -1,0 +1,168 @@
+//! What was not there before: samples as keys that grow with depth, and the depth of the scene without the ball.
+
+use super::noise::Noise;
+use crate::geometry::camera::{Camera, DepthCode, NO_DISPARITY};
+
+/// The key of a pixel that shows nothing is never below any limit.
+pub const NO_KEY: u16 = u16::MAX;
+
+/// How many keys a floating-point image has up to the camera's `max_depth`.
+const FLOAT_KEYS: f32 = 60_000.0;
+
+/// How samples become keys and depths. A key is a sample turned so that it grows with depth and is largest where there is no reading:
+/// a single comparison then tells foreground.
+#[derive(Clone, Copy, Debug)]
+pub struct Coding {
+    code: DepthCode,
+    sign: u16,
+    offset: u16,
+    max_depth: f64,
+    metres_per_unit: f64,
+}
+
+impl Coding {
+    /// The coding of `camera`'s images.
+    pub fn new(camera: &Camera) -> Self {
+        let (sign, offset, metres_per_unit) = match camera.code {
+            DepthCode::Depth { units_per_metre } => (1, NO_KEY, 1.0 / units_per_metre),
+            DepthCode::Disparity { law } if law[1] < 0.0 => (1, 0, 0.0),
+            DepthCode::Disparity { .. } => (NO_KEY, NO_DISPARITY - 1, 0.0),
+        };
+        Self { code: camera.code, sign, offset, max_depth: camera.max_depth, metres_per_unit }
+    }
+
+    /// Fills a table of the depth of every disparity, 0 where there is none.
+    pub fn tabulate(&self, depths: &mut [f32]) {
+        for (sample, depth) in (0_u16..).zip(depths) {
+            *depth = self.code.depth(sample).filter(|z| *z <= self.max_depth).unwrap_or(0.0) as f32;
+        }
+    }
+}
+
+/// A pixel's type: `u16` in the camera's code, or `f32` in metres.
+pub trait Sample: Copy {
+    /// Its key.
+    fn key(self, coding: &Coding) -> u16;
+    /// Its depth, m, of a sample that has one; `depths` is the table that [`Coding::tabulate`] fills.
+    fn depth(self, coding: &Coding, depths: &[f32]) -> f64;
+    /// The depth of a key, m, if it has one within the camera's `max_depth`.
+    fn depth_of_key(key: u16, coding: &Coding) -> Option<f64>;
+    /// The change of depth over one key at depth `z`, m.
+    fn step(z: f64, coding: &Coding) -> f64;
+}
+
+impl Sample for u16 {
+    #[inline]
+    fn key(self, coding: &Coding) -> u16 {
+        self.wrapping_mul(coding.sign).wrapping_add(coding.offset)
+    }
+
+    #[inline]
+    fn depth(self, coding: &Coding, depths: &[f32]) -> f64 {
+        match coding.code {
+            DepthCode::Depth { .. } => f64::from(self) * coding.metres_per_unit,
+            DepthCode::Disparity { .. } => f64::from(depths.get(usize::from(self)).copied().unwrap_or(0.0)),
+        }
+    }
+
+    fn depth_of_key(key: u16, coding: &Coding) -> Option<f64> {
+        let sample = key.wrapping_sub(coding.offset).wrapping_mul(coding.sign);
+        coding.code.depth(sample).filter(|z| *z <= coding.max_depth)
+    }
+
+    fn step(z: f64, coding: &Coding) -> f64 {
+        coding.code.step(z)
+    }
+}
+
+impl Sample for f32 {
+    #[inline]
+    fn key(self, coding: &Coding) -> u16 {
+        // The conversion saturates and makes NaN 0, which becomes the largest key.
+        ((self * (FLOAT_KEYS / coding.max_depth as f32)) as u16).wrapping_sub(1)
+    }
+
+    #[inline]
+    fn depth(self, _: &Coding, _: &[f32]) -> f64 {
+        f64::from(self)
+    }
+
+    fn depth_of_key(key: u16, coding: &Coding) -> Option<f64> {
+        let z = (f64::from(key) + 1.0) * coding.max_depth / f64::from(FLOAT_KEYS);
+        (z <= coding.max_depth).then_some(z)
+    }
+
+    fn step(_: f64, coding: &Coding) -> f64 {
+        coding.max_depth / f64::from(FLOAT_KEYS)
+    }
+}
+
+/// One image, read pixel by pixel. What lies at or beyond its limit is background.
+#[derive(Clone, Copy)]
+pub struct Frame<'f, S> {
+    /// Samples, row by row.
+    pub samples: &'f [S],
+    /// For each, the first key that is background.
+    pub limits: &'f [u16],
+    /// Depth of every disparity, m.
+    pub depths: &'f [f32],
+    /// What samples mean.
+    pub coding: Coding,
+}
+
+impl<S: Sample> Frame<'_, S> {
+    /// Depth of the foreground at pixel `index`, m.
+    #[inline]
+    pub fn foreground(&self, index: usize) -> Option<f64> {
+        let (sample, limit) = (*self.samples.get(index)?, *self.limits.get(index)?);
+        (sample.key(&self.coding) < limit).then(|| sample.depth(&self.coding, self.depths)).filter(|z| *z > 0.0)
+    }
+
+    /// Depth of whatever pixel `index` shows, m.
+    #[inline]
+    pub fn reading(&self, index: usize) -> Option<f64> {
+        let sample = *self.samples.get(index)?;
+        (sample.key(&self.coding) != NO_KEY).then(|| sample.depth(&self.coding, self.depths)).filter(|z| *z > 0.0)
+    }
+
+    /// Depth from which on pixel `index` counts as background, m; infinite where there was none.
+    #[inline]
+    pub fn limit(&self, index: usize) -> f64 {
+        self.limits.get(index).and_then(|limit| S::depth_of_key(*limit, &self.coding)).unwrap_or(f64::INFINITY)
+    }
+}
+
+/// Learns the farthest but one reading of each pixel. A ball that rolls through is nearer than what it hides, so it can't burn in, and a
+/// single wild reading is left out. Both slices hold key + 1, and 0 where there was no reading.
+pub fn learn<S: Sample>(samples: &[S], coding: &Coding, second: &mut [u16], farthest: &mut [u16]) {
+    let beyond = first_key_beyond::<S>(coding);
+    for ((sample, second), farthest) in samples.iter().zip(second).zip(farthest) {
+        let key = sample.key(coding);
+        let key = if key < beyond { key + 1 } else { 0 };
+        *second = (*second).max(key.min(*farthest));
+        *farthest = (*farthest).max(key);
+    }
+}
+
+/// Turns what `frames` frames taught into limits: four standard deviations before the background, and everything where there was none.
+pub fn limit<S: Sample>(coding: &Coding, frames: u32, second: &mut [u16], farthest: &[u16]) {
+    let noise = Noise::default();
+    let beyond = first_key_beyond::<S>(coding);
+    for (limit, farthest) in second.iter_mut().zip(farthest) {
+        let background = if frames < 3 { *farthest } else { *limit };
+        *limit = match background.checked_sub(1).and_then(|key| Some((key, S::depth_of_key(key, coding)?))) {
+            None => beyond,
+            Some((key, z)) => key.saturating_sub(libm::ceil(4.0 * noise.axial(z) / S::step(z, coding)) as u16),
+        };
+    }
+}
+
+/// The first key that is farther than the camera's `max_depth`, or no depth at all.
+fn first_key_beyond<S: Sample>(coding: &Coding) -> u16 {
+    let (mut low, mut high) = (0, NO_KEY);
+    while low < high {
+        let mid = low + (high - low) / 2;
+        if S::depth_of_key(mid, coding).is_some() { low = mid + 1 } else { high = mid }
+    }
+    low
+}

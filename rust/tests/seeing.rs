@@ -1,0 +1,100 @@
+//! Whatever the image, what is seen makes sense.
+
+use physinc::config::{CameraConfig, ObjectConfig, Radii};
+use physinc::detect::Detection;
+use physinc::geometry::camera::{Camera, DepthCode, KINECT_DISPARITY_LAW};
+use physinc::seeing::{Buffers, Image, SeeError, Seeing};
+use proptest::prelude::*;
+
+const SIZE: (u32, u32) = (80, 60);
+
+fn camera(disparity: bool, max_depth: f64) -> Camera {
+    let keys = CameraConfig {
+        width: Some(SIZE.0),
+        height: Some(SIZE.1),
+        fx: Some(72.0),
+        fy: Some(70.0),
+        cx: Some(39.0),
+        cy: Some(31.0),
+        max_depth: Some(max_depth),
+        ..CameraConfig::default()
+    };
+    let code = if disparity { DepthCode::Disparity { law: KINECT_DISPARITY_LAW } } else { DepthCode::Depth { units_per_metre: 1000.0 } };
+    Camera::from_config(&keys, code).unwrap()
+}
+
+/// A background of noise or of one value, with rectangles of a value and noise on it.
+fn arbitrary_image() -> impl Strategy<Value = Vec<u16>> {
+    let pixels = (SIZE.0 * SIZE.1) as usize;
+    let ground = prop_oneof![Just(0), Just(2047), 0_u16..2048, any::<u16>()].prop_map(move |value| vec![value; pixels]);
+    let ground = prop_oneof![4 => ground, 1 => prop::collection::vec(any::<u16>(), pixels), 1 => prop::collection::vec(500_u16..600, pixels)];
+    let patch = (0..SIZE.0, 0..SIZE.1, 1..30_u32, 1..30_u32, 300_u16..2047, prop::collection::vec(0_u16..20, 900));
+    (ground, prop::collection::vec(patch, 0..5)).prop_map(|(mut image, patches)| {
+        for (left, top, width, height, value, noise) in patches {
+            for y in top..(top + height).min(SIZE.1) {
+                for x in left..(left + width).min(SIZE.0) {
+                    image[(y * SIZE.0 + x) as usize] = value + noise[((y - top) * 30 + x - left) as usize];
+                }
+            }
+        }
+        image
+    })
+}
+
+fn makes_sense(detection: &Detection) -> bool {
+    detection.center.iter().all(|x| x.is_finite())
+        && detection.center.z > 0.0
+        && detection.covariance.iter().all(|x| x.is_finite())
+        && detection.covariance == detection.covariance.transpose()
+        && detection.covariance.cholesky().is_some()
+        && detection.residual_rms.is_finite()
+        && detection.row.is_finite()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    #[test]
+    fn any_images_give_detections_that_make_sense(
+        images in prop::collection::vec(arbitrary_image(), 1..5),
+        disparity: bool,
+        floating: bool,
+        background_frames in 0_u32..4,
+        radii in prop::collection::vec(0.005_f64..0.3, 1..4),
+        max_depth in prop_oneof![Just(10.0), 0.1_f64..1000.0],
+    ) {
+        let object = ObjectConfig { radius: Radii::Many(radii.into_iter().collect()), ..ObjectConfig::default() };
+        let camera = camera(disparity, max_depth);
+        let mut seeing = Seeing::new(&camera, &object, background_frames, Buffers::owned(camera.width, camera.height)).unwrap();
+        let mut detections = heapless::Vec::new();
+        for image in &images {
+            let metres: Vec<f32> = image.iter().map(|s| if *s == 7 { f32::NAN } else { f32::from(*s) * 1e-3 - 0.1 }).collect();
+            seeing.see(if floating { Image::F32(&metres) } else { Image::U16(image) }, &mut detections).unwrap();
+            prop_assert!(detections.iter().all(makes_sense), "{detections:?}");
+        }
+    }
+}
+
+#[test]
+fn what_is_no_image_of_the_camera_is_an_error() {
+    let camera = camera(true, 10.0);
+    let mut seeing = Seeing::new(&camera, &ObjectConfig::default(), 0, Buffers::owned(camera.width, camera.height)).unwrap();
+    let mut detections = heapless::Vec::new();
+    let image = vec![2047; camera.width * camera.height];
+    assert_eq!(seeing.see(Image::U16(&image[1..]), &mut detections), Err(SeeError::Size { expected: 4800, found: 4799 }));
+    assert_eq!(seeing.see(Image::F32(&[]), &mut detections), Err(SeeError::Size { expected: 4800, found: 0 }));
+    assert_eq!(seeing.see(Image::U16(&image), &mut detections), Ok(()));
+    assert_eq!(seeing.see(Image::F32(&[0.0; 4800]), &mut detections), Err(SeeError::Kind));
+    assert!(Seeing::new(&camera, &ObjectConfig::default(), 0, Buffers::owned(79, 60)).is_err());
+}
+
+#[test]
+fn images_of_a_few_pixels_are_seen_too() {
+    for (width, height) in [(1, 1), (1, 9), (3, 2), (33, 1)] {
+        let camera = Camera { width, height, ..camera(true, 10.0) };
+        let mut seeing = Seeing::new(&camera, &ObjectConfig::default(), 1, Buffers::owned(width, height)).unwrap();
+        for value in [2047, 700, 600] {
+            seeing.see(Image::U16(&vec![value; width * height]), &mut heapless::Vec::new()).unwrap();
+        }
+    }
+}
