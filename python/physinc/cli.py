@@ -12,6 +12,7 @@ from cyclopts import App, CycloptsError, Parameter, validators
 
 from . import __version__
 from ._physinc import dump_config as configuration_in_force
+from ._physinc import simulate as simulate_scene
 from .errors import ConfigError, DeviceNotFoundError, PhysincError
 from .narration import Narration
 from .streaming import open_named
@@ -114,6 +115,23 @@ def run(
     return 130 if interrupted else 0
 
 
+@app.command
+def simulate(scene: str, out: Path, /) -> int:
+    """Simulate SCENE into OUT.npz, with the camera in OUT.camera.toml and the truth in OUT.truth.json.
+
+    Parameters
+    ----------
+    scene
+        bounce (six throws over a floor and a box that the camera can't see), room, two_balls, passive_flight, drop or roll, with keys, if any, as
+        in "bounce?seed=3&distance=2".
+    out
+        The recording. `physinc run OUT.npz` tells what happens in it.
+    """
+    frames, balls, contacts = simulate_scene(scene, out)
+    sys.stderr.write(f"{out}: {frames} frames, {balls} throws, {contacts} contacts\n")
+    return 0
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; its exit code."""
     try:
@@ -126,6 +144,6 @@ def main(arguments: list[str] | None = None) -> int:
         # Whoever read has heard enough; what is still buffered goes nowhere.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except PhysincError as error:
+    except (PhysincError, OSError) as error:
         sys.stderr.write(f"physinc: {error}\n")
         return 2 if isinstance(error, ConfigError) else 3 if isinstance(error, DeviceNotFoundError) else 1

@@ -20,6 +20,8 @@ mod python;
 pub mod run;
 pub mod scene;
 pub mod seeing;
+#[cfg(feature = "sim")]
+pub mod sim;
 #[cfg(feature = "std")]
 pub mod source;
 pub mod time;

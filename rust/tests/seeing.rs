@@ -27,7 +27,8 @@ fn camera(disparity: bool, max_depth: f64) -> Camera {
 fn arbitrary_image() -> impl Strategy<Value = Vec<u16>> {
     let pixels = (SIZE.0 * SIZE.1) as usize;
     let ground = prop_oneof![Just(0), Just(2047), 0_u16..2048, any::<u16>()].prop_map(move |value| vec![value; pixels]);
-    let ground = prop_oneof![4 => ground, 1 => prop::collection::vec(any::<u16>(), pixels), 1 => prop::collection::vec(500_u16..600, pixels)];
+    let ground =
+        prop_oneof![4 => ground, 1 => prop::collection::vec(any::<u16>(), pixels), 1 => prop::collection::vec(500_u16..600, pixels)];
     let patch = (0..SIZE.0, 0..SIZE.1, 1..30_u32, 1..30_u32, 300_u16..2047, prop::collection::vec(0_u16..20, 900));
     (ground, prop::collection::vec(patch, 0..5)).prop_map(|(mut image, patches)| {
         for (left, top, width, height, value, noise) in patches {

@@ -5,6 +5,7 @@ mod config;
 mod error;
 mod event;
 mod iterable;
+mod simulation;
 mod stream;
 
 use pyo3::prelude::*;
@@ -18,6 +19,8 @@ mod _physinc {
         Above, CameraModel, CameraOrientation, Contact, Counters, Gap, Inconsistency, Position, StreamEnded, StreamStarted, Surface,
         TrackEnded, TrackStarted, event_from_toml,
     };
+    #[pymodule_export]
+    use super::simulation::{scenes, simulate};
     #[pymodule_export]
     use super::stream::{Stream, Track, open, open_iterable};
     use pyo3::prelude::*;

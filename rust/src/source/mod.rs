@@ -8,10 +8,14 @@ mod decimal;
 mod error;
 mod npz;
 mod sidecar;
+#[cfg(feature = "sim")]
+mod simulated;
 
 pub use self::csv::Csv;
 pub use error::SourceError;
 pub use npz::Npz;
+#[cfg(feature = "sim")]
+pub use simulated::Simulated;
 
 use crate::config::Config;
 use crate::config_file::ConfigFileError;
@@ -66,7 +70,7 @@ pub trait Source: Send {
 }
 
 /// What can be opened, for messages.
-const KINDS: &str = "*.npz (depth frames), *.csv or - (positions), demo";
+const KINDS: &str = "*.npz (depth frames), *.csv or - (positions), sim:SCENE, demo";
 
 /// Opens what the user named. `camera` is a camera file that wins over those beside a recording; `[camera]` in `config` wins over both.
 ///
@@ -80,6 +84,10 @@ pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<
     if source == "kinect" || source.starts_with("kinect:") {
         return Err(SourceError::NoDevice { source_name: source.into() });
     }
+    #[cfg(feature = "sim")]
+    if source.starts_with("sim:") {
+        return Ok(Box::new(Simulated::new(source)?));
+    }
     let path = Path::new(source);
     let unsupported = |why: &str| SourceError::Unsupported { source_name: source.into(), why: why.into() };
     if path.is_dir() {
@@ -92,7 +100,6 @@ pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<
             let file = std::fs::File::open(path).map_err(|error| SourceError::unreadable(source, error))?;
             Ok(Box::new(Csv::new(source, file, radius)))
         }
-        _ if source.starts_with("sim:") => Err(unsupported("this version simulates only to files: physinc simulate SCENE OUT.npz")),
         _ => match std::fs::metadata(path) {
             Err(error) => Err(SourceError::unreadable(source, error)),
             Ok(_) => Err(unsupported("the name doesn't say what it is")),

@@ -3,8 +3,8 @@
 pub mod association;
 pub mod motion;
 pub mod noise;
-pub mod paper;
 pub mod object;
+pub mod paper;
 pub mod window;
 
 use crate::math::{Mat3, Vec3};

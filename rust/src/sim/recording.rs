@@ -1,0 +1,108 @@
+//! Scenes as files: `OUT.npz`, what the camera is (`OUT.camera.toml`), what really happened (`OUT.truth.json`).
+
+use super::SimError;
+use super::scene::Scene;
+use crate::config::CameraConfig;
+use crate::geometry::camera::{Camera, DepthCode};
+use npyz::WriterBuilder;
+use std::fs::File;
+use std::io::{self, BufWriter, Seek, Write};
+use std::path::{Path, PathBuf};
+use std::string::{String, ToString};
+use zip::ZipWriter;
+use zip::write::SimpleFileOptions;
+
+/// What was written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Summary {
+    /// Frames in the recording.
+    pub frames: usize,
+    /// Throws.
+    pub balls: usize,
+    /// True contacts, seen or not.
+    pub contacts: usize,
+    /// `OUT.npz`.
+    pub recording: PathBuf,
+    /// `OUT.camera.toml`.
+    pub camera: PathBuf,
+    /// `OUT.truth.json`.
+    pub truth: PathBuf,
+}
+
+/// Simulates `scene` (`NAME?key=value&…`) into `out` (`OUT.npz`), with camera and truth beside it. One frame is in memory at a time.
+///
+/// # Errors
+/// What [`Scene::parse`] refuses, and files that can't be written.
+pub fn simulate(scene: &str, out: &Path) -> Result<Summary, SimError> {
+    if out.extension().is_none_or(|e| e != "npz") {
+        return Err(SimError::NotNpz(out.to_path_buf()));
+    }
+    let scene = Scene::parse(scene)?;
+    let (camera, truth) = (out.with_extension("camera.toml"), out.with_extension("truth.json"));
+    let failed = |path: &Path| {
+        let path = path.to_path_buf();
+        move |source| SimError::Write { path, source }
+    };
+    File::create(out).and_then(|file| write_npz(&scene, file)).map_err(failed(out))?;
+    std::fs::write(&camera, camera_toml(&scene.camera())?).map_err(failed(&camera))?;
+    let json = File::create(&truth).map(BufWriter::new).and_then(|file| Ok(serde_json::to_writer(file, scene.truth())?));
+    json.map_err(failed(&truth))?;
+    let balls = 1 + scene.truth().frames.iter().flat_map(|f| &f.balls).map(|b| b.ball).max().unwrap_or(0);
+    Ok(Summary {
+        frames: scene.truth().frames.len(),
+        balls,
+        contacts: scene.truth().contacts.len(),
+        recording: out.to_path_buf(),
+        camera,
+        truth,
+    })
+}
+
+/// Writes a scene's frames as npz: `timestamps_ns` [N] int64, and `disparity` or `depth_mm` [N, 480, 640] uint16.
+///
+/// # Errors
+/// Whatever `out` refuses.
+pub fn write_npz(scene: &Scene, out: impl Write + Seek) -> io::Result<()> {
+    // The same bytes whenever it is written.
+    let options = SimpleFileOptions::default().last_modified_time(zip::DateTime::default()).large_file(true);
+    let mut zip = ZipWriter::new(BufWriter::new(out));
+    let camera = scene.camera();
+    let frames = scene.truth().frames.len() as u64;
+    zip.start_file("timestamps_ns.npy", options)?;
+    let mut stamps = npyz::WriteOptions::<i64>::new().default_dtype().shape(&[frames]).writer(BufWriter::new(&mut zip)).begin_nd()?;
+    stamps.extend(scene.truth().frames.iter().map(|f| f.timestamp_ns))?;
+    stamps.finish()?;
+    zip.start_file(if matches!(camera.code, DepthCode::Depth { .. }) { "depth_mm.npy" } else { "disparity.npy" }, options)?;
+    let shape = [frames, camera.height as u64, camera.width as u64];
+    let mut samples =
+        npyz::WriteOptions::<u16>::new().default_dtype().shape(&shape).writer(BufWriter::with_capacity(1 << 16, &mut zip)).begin_nd()?;
+    let mut rendered = scene.frames();
+    while let Some(frame) = rendered.next_frame() {
+        samples.extend(frame.samples.iter().copied())?;
+    }
+    samples.finish()?;
+    zip.finish()?.flush()
+}
+
+/// What an estimator is told of the camera, as `camera.toml`.
+fn camera_toml(camera: &Camera) -> Result<String, SimError> {
+    let (depth_scale, disparity_law) = match camera.code {
+        DepthCode::Depth { units_per_metre } => (Some(units_per_metre), None),
+        DepthCode::Disparity { law } => (None, Some(law)),
+    };
+    let keys = CameraConfig {
+        width: Some(camera.width as u32),
+        height: Some(camera.height as u32),
+        fx: Some(camera.fx),
+        fy: Some(camera.fy),
+        cx: Some(camera.cx),
+        cy: Some(camera.cy),
+        depth_scale,
+        disparity: disparity_law.is_some().then_some(true),
+        disparity_law,
+        max_depth: Some(camera.max_depth),
+        readout: Some(camera.readout),
+        world_from_camera: camera.pose.map(|p| p.to_rows()),
+    };
+    toml::to_string(&keys).map_err(|e| SimError::BadValue { key: "camera".to_string(), value: String::new(), why: e.to_string() })
+}

@@ -1,0 +1,331 @@
+//! A structured-light depth camera: what it reads of balls and of visible solids.
+//!
+//! Rays through pixel centers meet what is there; each pixel then reads what fills most of its matching window (the mean
+//! disparity over that object's pixels), with noise that neighbours share, rounded to whole raw units. What the projector
+//! can't light has no reading, nor have surfaces seen too obliquely.
+
+use super::impact::{Shape, Solid};
+use super::noise::{Field, Rect};
+use crate::geometry::camera::{Camera, NO_DISPARITY, Pose};
+use crate::math::Vec3;
+use rand::rngs::Xoshiro256PlusPlus;
+use rand::{RngExt, SeedableRng};
+use std::vec::Vec;
+
+/// Focal length, px.
+pub const FOCAL: f64 = 575.8;
+/// From the camera to the projector, along the camera's x, m.
+pub const BASELINE: f64 = 0.075;
+/// Raw disparity of a point at infinity.
+pub const RAW_AT_INFINITY: f64 = 1090.0;
+/// Steps of raw disparity per pixel of disparity.
+pub const RAW_PER_PIXEL: f64 = 8.0;
+/// Temporal noise, raw units, before rounding.
+pub const RAW_SD: f64 = 0.4;
+/// Fixed noise of a static background, raw units.
+const FROZEN_SD: f64 = 0.3;
+/// Nearest and farthest depth that is read, m.
+const RANGE: [f64; 2] = [0.4, 10.0];
+/// Readings fade out between these angles of incidence, rad.
+const GRAZING: [f64; 2] = [1.22, 1.40];
+/// Most balls in one frame.
+pub const MAX_BALLS: usize = 4;
+/// Labels of a ray: nothing; in the projector's shadow; then balls, then visible solids.
+const NOTHING: usize = 0;
+const SHADOW: usize = 1;
+const BALLS: usize = 2;
+const SOLIDS: usize = BALLS + MAX_BALLS;
+
+/// How the sensor errs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Errors {
+    /// Factor on all noise.
+    pub sigma: f64,
+    /// Edge of the matching window, px, odd.
+    pub window: usize,
+    /// Noise of neighbouring pixels is independent.
+    pub white: bool,
+}
+
+/// A ball as the sensor meets it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Target<'a> {
+    /// Its center at each row's time, camera frame, m: one per row of the image, or one for all.
+    pub centers: &'a [Vec3],
+    /// m.
+    pub radius: f64,
+}
+
+impl Target<'_> {
+    fn center(&self, row: i32) -> &Vec3 {
+        &self.centers[row.clamp(0, self.centers.len() as i32 - 1) as usize]
+    }
+}
+
+/// What a ray meets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Hit {
+    label: usize,
+    depth: f64,
+    cos_incidence: f64,
+}
+
+const MISS: Hit = Hit { label: NOTHING, depth: f64::INFINITY, cos_incidence: 1.0 };
+
+/// A solid in the camera frame: inside is where every half-space holds, normal · p ≤ offset.
+#[derive(Clone, Debug, PartialEq)]
+struct Convex {
+    sides: Vec<(Vec3, f64)>,
+}
+
+impl Convex {
+    fn new(solid: &Solid, pose: &Pose) -> Self {
+        let faces = (0..solid.faces()).map(|f| solid.face(f));
+        let turned = |n: Vec3, offset: f64| (pose.rotation.transpose() * n, offset - n.dot(&pose.translation));
+        debug_assert!(matches!(solid.shape, Shape::Plane { .. } | Shape::Box { .. }));
+        Self { sides: faces.map(|(_, n, offset)| turned(n, offset)).collect() }
+    }
+
+    /// Where the ray `origin` + s · `ray` enters, s > 0, and the cosine of incidence.
+    fn enter(&self, origin: &Vec3, ray: &Vec3) -> Option<(f64, f64)> {
+        let (mut enter, mut leave, mut cos) = (0.0, f64::INFINITY, 1.0);
+        for (normal, offset) in &self.sides {
+            let (speed, gap) = (normal.dot(ray), offset - normal.dot(origin));
+            if speed < 0.0 && gap / speed > enter {
+                (enter, cos) = (gap / speed, -speed / ray.norm());
+            } else if speed > 0.0 {
+                leave = f64::min(leave, gap / speed);
+            } else if gap < 0.0 && speed == 0.0 {
+                return None;
+            }
+        }
+        (enter > 0.0 && enter < leave).then_some((enter, cos))
+    }
+}
+
+/// Where the ray s · `ray` from `origin` enters a sphere, s > 0, and the cosine of incidence.
+fn enter_sphere(origin: &Vec3, ray: &Vec3, center: &Vec3, radius: f64) -> Option<(f64, f64)> {
+    let (to, a) = (center - origin, ray.norm_squared());
+    let b = to.dot(ray);
+    let discriminant = b * b - a * (to.norm_squared() - radius * radius);
+    if discriminant <= 0.0 {
+        return None;
+    }
+    let root = discriminant.sqrt();
+    let s = (b - root) / a;
+    (s > 0.0).then(|| (s, root / (a.sqrt() * radius)))
+}
+
+/// The sensor, and what it knows by heart: its static background.
+#[derive(Clone, Debug)]
+pub struct Sensor {
+    camera: Camera,
+    errors: Errors,
+    solids: Vec<Convex>,
+    /// Mean raw disparity of each pixel with nothing moving, frozen noise included; infinite where nothing is read.
+    background: Vec<f32>,
+    frozen: Vec<f32>,
+    rng: Xoshiro256PlusPlus,
+    noise: Field,
+    edge: Field,
+    hits: Vec<Hit>,
+}
+
+/// What one matching window holds of one object.
+#[derive(Clone, Copy, Debug, Default)]
+struct Share {
+    pixels: usize,
+    inverse_depth: f64,
+    cos: f64,
+}
+
+/// Raw disparity at depth `z`, m, not yet rounded.
+pub fn raw_disparity(z: f64) -> f64 {
+    (1.0 / z - disparity_law()[0]) / disparity_law()[1]
+}
+
+/// `[c0, c1]` of 1/z = c0 + c1 · raw, 1/m: disparity is baseline · focal / z pixels, [`RAW_PER_PIXEL`] steps each.
+pub fn disparity_law() -> [f64; 2] {
+    let c1 = -1.0 / (RAW_PER_PIXEL * BASELINE * FOCAL);
+    [-c1 * RAW_AT_INFINITY, c1]
+}
+
+impl Sensor {
+    /// A sensor at `camera.pose` (required; its true intrinsics) that looks at `solids`.
+    pub fn new(camera: Camera, errors: Errors, solids: &[Solid], seed: u64) -> Self {
+        let pose = camera.pose.unwrap_or_else(Pose::renamed_axes);
+        let solids: Vec<Convex> = solids.iter().filter(|s| s.visible).map(|s| Convex::new(s, &pose)).collect();
+        let rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let (noise, edge, hits) = (Field::default(), Field::default(), Vec::new());
+        let mut sensor = Self { camera, errors, solids, background: Vec::new(), frozen: Vec::new(), rng, noise, edge, hits };
+        if !sensor.solids.is_empty() {
+            let image = sensor.image();
+            sensor.noise.draw(&image, errors.window, &mut sensor.rng);
+            sensor.frozen = sensor.noise.values.iter().map(|n| (FROZEN_SD * errors.sigma) as f32 * n).collect();
+            let mut background = std::vec![f32::INFINITY; image.width() * image.height()];
+            sensor.match_windows(&image, &[], |index, raw| background[index] = raw);
+            sensor.background = background;
+        }
+        sensor
+    }
+
+    fn image(&self) -> Rect {
+        Rect { left: 0, top: 0, right: self.camera.width as i32, bottom: self.camera.height as i32 }
+    }
+
+    /// One frame of raw disparity, row-major, into `samples` (width · height), [`NO_DISPARITY`] where nothing is read.
+    pub fn expose(&mut self, targets: &[Target], samples: &mut [u16]) {
+        let (image, window) = (self.image(), if self.errors.white { 1 } else { self.errors.window });
+        let sd = (RAW_SD * self.errors.sigma) as f32;
+        samples.fill(NO_DISPARITY);
+        let blank = self.background.is_empty();
+        let mut noise = core::mem::take(&mut self.noise);
+        if !blank {
+            noise.draw(&image, window, &mut self.rng);
+            for ((sample, raw), n) in samples.iter_mut().zip(&self.background).zip(&noise.values) {
+                *sample = quantised(raw + sd * n);
+            }
+        }
+        for rect in self.rects(targets) {
+            if blank {
+                noise.draw(&rect, window, &mut self.rng);
+            }
+            let drawn = if blank { rect } else { image };
+            self.match_windows(&rect, targets, |index, raw| {
+                let (x, y) = ((index % image.width()) as i32, (index / image.width()) as i32);
+                samples[index] = quantised(raw + sd * noise.values[drawn.index(x, y)]);
+            });
+        }
+        self.noise = noise;
+    }
+
+    /// Where the image differs from its background: around each ball and its shadow; rectangles that overlap become one.
+    fn rects(&self, targets: &[Target]) -> Vec<Rect> {
+        let (c, margin) = (&self.camera, self.errors.window as i32);
+        let mut rects: Vec<Rect> = Vec::new();
+        for target in targets {
+            let bounds = target.centers.iter().filter_map(|center| {
+                let (x, y) = c.project(center)?;
+                let reach = 1.1 * c.fx.max(c.fy) * target.radius / (center.z - target.radius).max(0.05);
+                let shadow =
+                    if self.solids.is_empty() && targets.len() == 1 { 0.0 } else { BASELINE * c.fx / (center.z - target.radius).max(0.05) };
+                Some(Rect {
+                    left: (x - reach - shadow) as i32,
+                    top: (y - reach) as i32,
+                    right: (x + reach) as i32 + 1,
+                    bottom: (y + reach) as i32 + 1,
+                })
+            });
+            let Some(rect) = bounds.reduce(|a, b| a.union(&b)) else { continue };
+            let mut rect = rect.grown(margin).intersection(&self.image());
+            while let Some(i) = rects.iter().position(|r| !r.intersection(&rect).is_empty()) {
+                rect = rects.swap_remove(i).union(&rect);
+            }
+            if !rect.is_empty() {
+                rects.push(rect);
+            }
+        }
+        rects
+    }
+
+    /// What the ray through pixel (`x`, `y`) meets.
+    fn cast(&self, x: i32, y: i32, targets: &[Target]) -> Hit {
+        let ray = self.camera.deproject(f64::from(x), f64::from(y), 1.0);
+        let camera = Vec3::zeros();
+        let balls = targets.iter().enumerate().map(|(i, t)| (BALLS + i, enter_sphere(&camera, &ray, t.center(y), t.radius)));
+        let solids = self.solids.iter().enumerate().map(|(i, s)| (SOLIDS + i, s.enter(&camera, &ray)));
+        let hits = balls.chain(solids).filter_map(|(label, hit)| hit.map(|(depth, cos_incidence)| Hit { label, depth, cos_incidence }));
+        let Some(hit) = hits.min_by(|a, b| a.depth.total_cmp(&b.depth)) else { return MISS };
+        if hit.depth < RANGE[0] || hit.depth > RANGE[1] {
+            return MISS;
+        }
+        let projector = Vec3::new(BASELINE, 0.0, 0.0);
+        // Stopped just before the surface, which must not shade itself.
+        let beam = (ray * hit.depth - projector) * (1.0 - 1e-9);
+        let shaded = targets
+            .iter()
+            .enumerate()
+            .any(|(i, t)| BALLS + i != hit.label && enter_sphere(&projector, &beam, t.center(y), t.radius).is_some_and(|e| e.0 < 1.0))
+            || self
+                .solids
+                .iter()
+                .enumerate()
+                .any(|(i, s)| SOLIDS + i != hit.label && s.enter(&projector, &beam).is_some_and(|e| e.0 < 1.0));
+        if shaded { Hit { label: SHADOW, ..hit } } else { hit }
+    }
+
+    /// Matches every pixel of `rect` (inside the image) whose window shows something that moves, or every one where nothing does, and tells
+    /// `read` its index in the image and its raw disparity before temporal noise; infinite where there is no reading.
+    fn match_windows(&mut self, rect: &Rect, targets: &[Target], mut read: impl FnMut(usize, f32)) {
+        let half = (self.errors.window / 2) as i32;
+        let around = rect.grown(half);
+        let mut hits = core::mem::take(&mut self.hits);
+        hits.clear();
+        hits.extend(
+            (around.top..around.bottom)
+                .flat_map(|y| (around.left..around.right).map(move |x| (x, y)))
+                .map(|(x, y)| self.cast(x, y, targets)),
+        );
+        self.edge.draw(rect, self.errors.window, &mut self.rng);
+        let image = self.image();
+        let mut shares = std::vec![Share::default(); SOLIDS + self.solids.len()];
+        for y in rect.top..rect.bottom {
+            for x in rect.left..rect.right {
+                shares.fill(Share::default());
+                let mut front = MISS;
+                for wy in y - half..=y + half {
+                    let from = around.index(x - half, wy);
+                    for hit in &hits[from..from + self.errors.window] {
+                        let share = &mut shares[hit.label];
+                        share.pixels += 1;
+                        share.inverse_depth += hit.depth.recip();
+                        share.cos += hit.cos_incidence;
+                        if hit.label >= BALLS && hit.depth < front.depth {
+                            front = *hit;
+                        }
+                    }
+                }
+                let moving = shares[SHADOW..SOLIDS].iter().any(|s| s.pixels > 0);
+                if !(moving || targets.is_empty()) {
+                    continue;
+                }
+                let index = image.index(x, y);
+                let jitter = f64::from(self.edge.values[rect.index(x, y)]) * self.errors.sigma;
+                let raw = self.winner(&shares, front.label, jitter).map_or(f32::INFINITY, |(label, raw)| {
+                    let frozen = if label >= SOLIDS { self.frozen[index] } else { 0.0 };
+                    raw + frozen
+                });
+                read(index, raw);
+            }
+        }
+        self.hits = hits;
+    }
+
+    /// The object that a window with these shares reads, and its mean raw disparity. `jitter` (sd 1) moves the front object's silhouette by Nguyen's
+    /// lateral noise: an edge that lies `d` pixels farther out fills `d` more columns of the window.
+    fn winner(&mut self, shares: &[Share], front: usize, jitter: f64) -> Option<(usize, f32)> {
+        let mean_cos = |s: &Share| (s.cos / s.pixels as f64).clamp(0.0, 1.0);
+        let nothing = (shares[NOTHING].pixels + shares[SHADOW].pixels) as f64;
+        let mut best = (NOTHING, nothing);
+        for (label, share) in shares.iter().enumerate().skip(BALLS).filter(|(_, s)| s.pixels > 0) {
+            let mut vote = share.pixels as f64;
+            if label == front {
+                let incidence = mean_cos(share).acos().min(GRAZING[1]);
+                let lateral_sd = 0.8 + 0.035 * incidence / (core::f64::consts::FRAC_PI_2 - incidence);
+                vote += lateral_sd * jitter * self.errors.window as f64;
+            }
+            if vote > best.1 {
+                best = (label, vote);
+            }
+        }
+        let share = (best.0 >= BALLS).then(|| &shares[best.0])?;
+        let faded = (mean_cos(share).acos() - GRAZING[0]) / (GRAZING[1] - GRAZING[0]);
+        let lost = faded > 0.0 && self.rng.random::<f64>() < faded;
+        (!lost).then(|| (best.0, raw_disparity(share.pixels as f64 / share.inverse_depth) as f32))
+    }
+}
+
+/// To whole raw units.
+fn quantised(raw: f32) -> u16 {
+    if (0.0..f32::from(NO_DISPARITY) - 0.5).contains(&raw) { raw.round() as u16 } else { NO_DISPARITY }
+}

@@ -1,0 +1,172 @@
+//! The simulator's frames, measured.
+
+use physinc::geometry::camera::NO_DISPARITY;
+use physinc::sim::{Scene, recording};
+use std::io::Cursor;
+
+/// Where a frame reads something: column, row, depth (m).
+fn readings(scene: &Scene, samples: &[u16]) -> Vec<[f64; 3]> {
+    let camera = scene.camera();
+    let depths = samples.iter().enumerate().filter_map(|(i, &s)| Some((i, camera.code.depth(s)?)));
+    depths.map(|(i, z)| [(i % camera.width) as f64, (i / camera.width) as f64, z]).collect()
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
+    sum / count
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes() {
+    let bytes = |scene: &str| {
+        let mut file = Cursor::new(Vec::new());
+        recording::write_npz(&Scene::parse(scene).unwrap(), &mut file).unwrap();
+        file.into_inner()
+    };
+    let first = bytes("bounce?throws=1&seed=5");
+    assert!(first == bytes("bounce?throws=1&seed=5"));
+    assert!(first != bytes("bounce?throws=1&seed=6"));
+    let demo = bytes("bounce");
+    assert!(demo.len() < 1_000_000, "{}", demo.len());
+}
+
+#[test]
+fn a_ball_is_read_where_it_is() {
+    for kind in ["disparity", "depth"] {
+        let scene = Scene::parse(&format!("bounce?throws=2&kind={kind}")).unwrap();
+        let camera = scene.camera();
+        let mut errors: Vec<[f64; 4]> = Vec::new();
+        let mut frames = scene.frames();
+        while let Some(frame) = frames.next_frame() {
+            let points = readings(&scene, frame.samples);
+            let Some(ball) = frame.truth.balls.first() else {
+                assert!(points.is_empty());
+                continue;
+            };
+            if ball.in_view < 1.0 {
+                continue;
+            }
+            let c = ball.center_in_camera.into();
+            let (x, y) = camera.project(&c).unwrap();
+            let disc = std::f64::consts::PI * (camera.fx * 0.033 / c.z).powi(2);
+            let [u, v, z] = [0, 1, 2].map(|i| mean(points.iter().map(|p| p[i])));
+            errors.push([u - x, v - y, z - c.z, points.len() as f64 / disc]);
+        }
+        let average = [0, 1, 2, 3].map(|i| mean(errors.iter().map(|e| e[i])));
+        let sd = [0, 1, 2, 3].map(|i| mean(errors.iter().map(|e| (e[i] - average[i]).powi(2))).sqrt());
+        println!("{kind}: columns, rows, depth, filled: {average:.4?} ± {sd:.4?}");
+        assert!(average[0].abs() < 0.15 && average[1].abs() < 0.15, "{average:?}");
+        assert!((-0.025..-0.018).contains(&average[2]), "a mean of the cap lies about 2 R / 3 before the center: {average:?}");
+        assert!((0.88..1.05).contains(&average[3]), "{average:?}");
+    }
+}
+
+#[test]
+fn a_static_wall_is_as_noisy_as_told() {
+    // A bigger factor, so that rounding adds little.
+    for (keys, lag4) in [("", 5.0 / 9.0), ("&white=1", 0.0), ("&window=5", 0.2)] {
+        let scene = Scene::parse(&format!("room?throws=1&sigma=4{keys}")).unwrap();
+        let mut frames = scene.frames();
+        let count = 12;
+        let stack: Vec<Vec<u16>> = (0..count).map(|_| frames.next_frame().unwrap().samples.to_vec()).collect();
+        let (mut variance, mut covariance, mut pixels) = (0.0, 0.0, 0.0);
+        for i in (60..120).flat_map(|y| (200..440).map(move |x| y * 640 + x)) {
+            let (a, b): (Vec<f64>, Vec<f64>) = stack.iter().map(|f| (f64::from(f[i]), f64::from(f[i + 4]))).unzip();
+            if a.iter().chain(&b).any(|r| *r >= f64::from(NO_DISPARITY)) {
+                continue;
+            }
+            let (ma, mb) = (mean(a.iter().copied()), mean(b.iter().copied()));
+            variance += a.iter().map(|x| (x - ma).powi(2)).sum::<f64>() / f64::from(count - 1);
+            covariance += a.iter().zip(&b).map(|(x, y)| (x - ma) * (y - mb)).sum::<f64>() / f64::from(count - 1);
+            pixels += 1.0;
+        }
+        assert!(pixels > 10_000.0, "the wall is seen");
+        assert!(((variance / pixels).sqrt() - 1.6).abs() < 0.1, "{keys}: {}", variance / pixels);
+        assert!((covariance / variance - lag4).abs() < 0.1, "{keys}: {}", covariance / variance);
+    }
+}
+
+#[test]
+fn the_shadow_falls_away_from_the_projector() {
+    let scene = Scene::parse("room?throws=1&sigma=0").unwrap();
+    let camera = scene.camera();
+    let (mut left, mut right) = (0, 0);
+    let mut frames = scene.frames();
+    while let Some(frame) = frames.next_frame() {
+        let Some(ball) = frame.truth.balls.first().filter(|b| b.in_view == 1.0) else { continue };
+        let c = ball.center_in_camera.into();
+        let (x, y) = camera.project(&c).unwrap();
+        let disc = camera.fx * 0.033 / c.z;
+        let none = |from: f64, to: f64| {
+            let row = y as usize * camera.width;
+            ((x + from) as usize..(x + to) as usize).filter(|&u| frame.samples[row + u] == NO_DISPARITY).count()
+        };
+        if (60.0..580.0).contains(&x) {
+            left += none(-disc - 22.0, -disc);
+            right += none(disc, disc + 22.0);
+        }
+    }
+    assert!(left > 100 && left > 5 * right, "{left} {right}");
+}
+
+#[test]
+fn throws_are_what_the_scene_promises() {
+    for seed in 0..3 {
+        let scene = Scene::parse(&format!("bounce?seed={seed}")).unwrap();
+        let truth = scene.truth();
+        let of = |ball: usize| truth.contacts.iter().filter(move |c| c.ball == ball);
+        for ball in 0..6 {
+            assert!((2..=4).contains(&of(ball).filter(|c| !c.on_edge).count()), "{seed} {ball}");
+        }
+        let over_box = (0..6).filter(|&b| of(b).any(|c| c.surface == "box top")).count();
+        assert_eq!(over_box, 3);
+        for c in &truth.contacts {
+            let height = if c.surface == "ground" { 0.0 } else { 0.09 };
+            assert!((c.point[2] - height).abs() < 1e-9, "{c:?}");
+            assert!((c.velocity_after[2] + c.restitution * c.velocity_before[2]).abs() < 1e-9, "{c:?}");
+        }
+    }
+}
+
+#[test]
+fn every_scene_can_be_made_in_every_way_of_looking() {
+    for name in ["bounce", "room", "two_balls", "passive_flight", "drop", "roll"] {
+        for keys in ["throws=2", "throws=2&tilt_deg=27&distance=1.5", "throws=2&distance=2&roll_deg=10&loss=0.25&contact_duration=0"] {
+            let scene = Scene::parse(&format!("{name}?{keys}")).unwrap();
+            let seen = scene.truth().frames.iter().filter(|f| f.balls.iter().any(|b| b.in_view == 1.0)).count();
+            assert!(seen > 15, "{name}?{keys}: {seen}");
+            assert!(scene.truth().frames.windows(2).all(|w| w[0].timestamp_ns < w[1].timestamp_ns));
+        }
+    }
+    assert!(
+        Scene::parse("two_balls").unwrap().truth().frames.iter().any(|f| f.balls.len() == 2 && f.balls.iter().any(|b| b.in_view < 0.7))
+    );
+    assert!(Scene::parse("passive_flight").unwrap().truth().contacts.is_empty());
+    assert!(!Scene::parse("roll").unwrap().truth().rolling.is_empty());
+}
+
+#[test]
+fn a_rolling_readout_shows_a_ball_at_its_own_rows_time() {
+    let scene = Scene::parse("bounce?throws=2&readout=0.031&sigma=0").unwrap();
+    let camera = scene.camera();
+    let mut frames = scene.frames();
+    let mut errors = Vec::new();
+    while let Some(frame) = frames.next_frame() {
+        let Some(ball) = frame.truth.balls.first().filter(|b| b.in_view == 1.0) else { continue };
+        let (x, y) = camera.project(&ball.center_in_camera.into()).unwrap();
+        let expected = frame.truth.timestamp_ns as f64 + 0.031e9 * y / 479.0;
+        assert!((ball.time_ns as f64 - expected).abs() < 1e5);
+        let points = readings(&scene, frame.samples);
+        errors.push((mean(points.iter().map(|p| p[0])) - x).hypot(mean(points.iter().map(|p| p[1])) - y));
+    }
+    assert!(mean(errors.iter().copied()) < 0.5, "{}", mean(errors.iter().copied()));
+}
+
+#[test]
+fn positions_are_as_noisy_as_asked() {
+    let scene = Scene::parse("drop?seed=3").unwrap();
+    let (exact, noisy): (Vec<_>, Vec<_>) = scene.positions(300.0, 0.0).zip(scene.positions(300.0, 0.002)).unzip();
+    assert!(exact.len() > 1000);
+    let sd = (mean(exact.iter().zip(&noisy).map(|(a, b)| (a.center - b.center).norm_squared())) / 3.0).sqrt();
+    assert!((sd - 0.002).abs() < 1e-4, "{sd}");
+}
