@@ -4,7 +4,7 @@
 //! disparity over that object's pixels), with noise that neighbours share, rounded to whole raw units. What the projector
 //! can't light has no reading, nor have surfaces seen too obliquely.
 
-use super::impact::{Shape, Solid};
+use super::impact::Solid;
 use super::noise::{Field, Rect};
 use crate::geometry::camera::{Camera, NO_DISPARITY, Pose};
 use crate::math::Vec3;
@@ -14,14 +14,14 @@ use std::vec::Vec;
 
 /// Focal length, px.
 pub const FOCAL: f64 = 575.8;
-/// From the camera to the projector, along the camera's x, m.
-pub const BASELINE: f64 = 0.075;
+/// From the camera to the projector, along the camera's x, m: shadows fall to the left.
+const BASELINE: f64 = 0.075;
 /// Raw disparity of a point at infinity.
-pub const RAW_AT_INFINITY: f64 = 1090.0;
+const RAW_AT_INFINITY: f64 = 1090.0;
 /// Steps of raw disparity per pixel of disparity.
-pub const RAW_PER_PIXEL: f64 = 8.0;
+const RAW_PER_PIXEL: f64 = 8.0;
 /// Temporal noise, raw units, before rounding.
-pub const RAW_SD: f64 = 0.4;
+const RAW_SD: f64 = 0.4;
 /// Fixed noise of a static background, raw units.
 const FROZEN_SD: f64 = 0.3;
 /// Nearest and farthest depth that is read, m.
@@ -82,7 +82,6 @@ impl Convex {
     fn new(solid: &Solid, pose: &Pose) -> Self {
         let faces = (0..solid.faces()).map(|f| solid.face(f));
         let turned = |n: Vec3, offset: f64| (pose.rotation.transpose() * n, offset - n.dot(&pose.translation));
-        debug_assert!(matches!(solid.shape, Shape::Plane { .. } | Shape::Box { .. }));
         Self { sides: faces.map(|(_, n, offset)| turned(n, offset)).collect() }
     }
 
@@ -140,11 +139,11 @@ struct Share {
 }
 
 /// Raw disparity at depth `z`, m, not yet rounded.
-pub fn raw_disparity(z: f64) -> f64 {
+fn raw_disparity(z: f64) -> f64 {
     (1.0 / z - disparity_law()[0]) / disparity_law()[1]
 }
 
-/// `[c0, c1]` of 1/z = c0 + c1 · raw, 1/m: disparity is baseline · focal / z pixels, [`RAW_PER_PIXEL`] steps each.
+/// `[c0, c1]` of 1/z = c0 + c1 · raw, 1/m: disparity is baseline · focal / z pixels, eight steps of raw each.
 pub fn disparity_law() -> [f64; 2] {
     let c1 = -1.0 / (RAW_PER_PIXEL * BASELINE * FOCAL);
     [-c1 * RAW_AT_INFINITY, c1]
