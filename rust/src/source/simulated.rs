@@ -4,14 +4,13 @@ use super::{Input, Source, SourceError};
 use crate::geometry::camera::Camera;
 use crate::seeing::Image;
 use crate::sim::{Frames, Scene};
-use std::boxed::Box;
 use std::string::{String, ToString};
 
 /// The frames of `sim:SCENE`.
 pub struct Simulated {
     name: String,
     camera: Camera,
-    frames: Frames<Box<Scene>>,
+    frames: Frames,
 }
 
 impl Simulated {
@@ -21,7 +20,7 @@ impl Simulated {
     /// An unknown scene or key, or a value that can't be.
     pub fn new(name: &str) -> Result<Self, SourceError> {
         let scene = Scene::parse(name.trim_start_matches("sim:")).map_err(|error| SourceError::malformed(name, error.to_string()))?;
-        Ok(Self { name: name.into(), camera: scene.camera(), frames: scene.into_frames() })
+        Ok(Self { name: name.into(), camera: scene.camera(), frames: scene.frames() })
     }
 }
 
