@@ -158,7 +158,7 @@ impl Score {
                 let miss = |s: &Surface| (s.offset - offset).abs();
                 miss(a).total_cmp(&miss(b))
             });
-            if let Some(s) = nearest.filter(|s| (s.offset - offset).abs() < 0.03 || true) {
+            if let Some(s) = nearest {
                 let angle = Vec3::from(s.normal).dot(&normal).clamp(-1.0, 1.0).acos().to_degrees();
                 let height = if t.name.contains("top") { Some(0.09) } else { None };
                 if let (Some(h), Some(a)) = (height, s.above) {
