@@ -271,7 +271,7 @@ choice! {
 
 /// One radius, or one for each kind of ball, m.
 #[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "std", derive(Serialize, Deserialize), serde(untagged))]
+#[cfg_attr(feature = "std", derive(Serialize, Deserialize), serde(untagged, expecting = "expected a number, or a list of up to 4"))]
 pub enum Radii {
     /// All balls are alike.
     One(f64),
@@ -374,6 +374,7 @@ impl Config {
     pub fn validate(&self) -> Result<(), ConfigError> {
         self.camera.validate()?;
         self.object.validate()?;
+        self.refuse_what_is_to_come()?;
         let laws = &self.laws;
         finite("laws.gravity", &laws.gravity)?;
         let size = crate::math::Vec3::from(laws.gravity).norm();
@@ -386,6 +387,26 @@ impl Config {
             within("tracking.position_sd", sd, 1e-7, 10.0, "1e-7 to 10 m")?;
         }
         self.environment.validate()
+    }
+
+    /// What the interface names and this version can't do is refused here, in one place, never passed over.
+    fn refuse_what_is_to_come(&self) -> Result<(), ConfigError> {
+        let to_come = [
+            (self.object.shape == Shape::Any, "object.shape", "\"sphere\", the only shape in this version"),
+            (self.laws.law != LawName::FreeFall, "laws.law", "\"free_fall\", the only law in this version"),
+            (self.laws.magnus, "laws.magnus", "false: this version has no Magnus force"),
+            (
+                matches!(self.assume.camera, Some(CameraAssumption::Moving | CameraAssumption::Unknown)),
+                "assume.camera",
+                "\"static\" or \"tilted\": this version has no moving cameras",
+            ),
+            (self.assume.objects == ObjectsAssumption::Unknown, "assume.objects", "\"passive\": this version has no objects with a motor"),
+            (!self.environment.mesh.is_empty(), "environment.mesh", "planes, boxes and spheres: this version has no meshes"),
+        ];
+        match to_come.into_iter().find(|(asked, ..)| *asked) {
+            Some((_, key, expected)) => Err(ConfigError { key, value: f64::NAN, expected }),
+            None => Ok(()),
+        }
     }
 
     /// What is assumed of the camera, where the pose is given or not.

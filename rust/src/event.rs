@@ -3,11 +3,11 @@
 use heapless::{String, Vec};
 
 #[cfg(feature = "std")]
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// One event: when it was known, of which track, whether it can still be refined, and what it says.
 #[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "std", derive(Serialize))]
+#[cfg_attr(feature = "std", derive(Serialize, Deserialize))]
 pub struct Event {
     /// Stamp of the newest input that it used, ns on the stream's clock; it never decreases along a stream.
     pub timestamp_ns: i64,
@@ -26,12 +26,12 @@ macro_rules! events {
     ($($(#[$meta:meta])* $name:ident { $($(#[$field_meta:meta])* $field:ident: $type:ty,)* })*) => {
         /// What an event says.
         #[derive(Clone, Debug, PartialEq)]
-        #[cfg_attr(feature = "std", derive(Serialize), serde(tag = "event", rename_all = "snake_case"))]
+        #[cfg_attr(feature = "std", derive(Serialize, Deserialize), serde(tag = "event", rename_all = "snake_case"))]
         #[allow(clippy::large_enum_variant)] // No heap to put the larger ones on.
         pub enum Kind { $($(#[$meta])* $name($name),)* }
         $($(#[$meta])*
         #[derive(Clone, Debug, PartialEq)]
-        #[cfg_attr(feature = "std", derive(Serialize))]
+        #[cfg_attr(feature = "std", derive(Serialize, Deserialize))]
         pub struct $name { $($(#[$field_meta])* pub $field: $type,)* }
         impl From<$name> for Kind {
             fn from(event: $name) -> Self { Self::$name(event) }
@@ -180,7 +180,7 @@ events! {
 
 /// The intrinsics, px.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "std", derive(Serialize))]
+#[cfg_attr(feature = "std", derive(Serialize, Deserialize))]
 #[allow(missing_docs)] // As in `geometry::camera::Camera`.
 pub struct CameraModel {
     pub width: u32,
@@ -193,7 +193,7 @@ pub struct CameraModel {
 
 /// A parallel surface below.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "std", derive(Serialize))]
+#[cfg_attr(feature = "std", derive(Serialize, Deserialize))]
 pub struct Above {
     /// Its id.
     pub surface: u32,
@@ -205,7 +205,7 @@ pub struct Above {
 
 /// Why a track began or ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "std", derive(Serialize), serde(rename_all = "snake_case"))]
+#[cfg_attr(feature = "std", derive(Serialize, Deserialize), serde(rename_all = "snake_case"))]
 #[allow(missing_docs)] // The names say it.
 pub enum TrackReason {
     Appeared,
@@ -217,7 +217,7 @@ pub enum TrackReason {
 
 /// What went missing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "std", derive(Serialize), serde(rename_all = "snake_case"))]
+#[cfg_attr(feature = "std", derive(Serialize, Deserialize), serde(rename_all = "snake_case"))]
 #[allow(missing_docs)] // The names say it.
 pub enum GapReason {
     PacketsLost,
@@ -228,7 +228,7 @@ pub enum GapReason {
 
 /// Why a stream ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "std", derive(Serialize), serde(rename_all = "snake_case"))]
+#[cfg_attr(feature = "std", derive(Serialize, Deserialize), serde(rename_all = "snake_case"))]
 #[allow(missing_docs)] // The names say it.
 pub enum EndReason {
     EndOfSource,
@@ -239,7 +239,7 @@ pub enum EndReason {
 
 /// What went through a stream.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "std", derive(Serialize))]
+#[cfg_attr(feature = "std", derive(Serialize, Deserialize))]
 pub struct Counters {
     /// Frames (or instants of positions) delivered by the source.
     pub frames: u64,

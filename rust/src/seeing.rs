@@ -194,12 +194,11 @@ impl<'b> Seeing<'b> {
         self.cluttered
     }
 
-    /// Finds the balls of one frame; while the background is learned there are none. `detections` is emptied first.
+    /// Whether [`Seeing::see`] would take `image`.
     ///
     /// # Errors
-    /// The image is not the camera's. Nothing has changed then.
-    pub fn see(&mut self, image: Image<'_>, detections: &mut Vec<Detection, 16>) -> Result<(), SeeError> {
-        detections.clear();
+    /// The image is not the camera's.
+    pub fn check(&self, image: Image<'_>) -> Result<(), SeeError> {
         let (found, floating) = match image {
             Image::U16(samples) => (samples.len(), false),
             Image::F32(samples) => (samples.len(), true),
@@ -208,9 +207,17 @@ impl<'b> Seeing<'b> {
         if found != expected {
             return Err(SeeError::Size { expected, found });
         }
-        if *self.floating.get_or_insert(floating) != floating {
-            return Err(SeeError::Kind);
-        }
+        if self.floating.is_some_and(|before| before != floating) { Err(SeeError::Kind) } else { Ok(()) }
+    }
+
+    /// Finds the balls of one frame; while the background is learned there are none. `detections` is emptied first.
+    ///
+    /// # Errors
+    /// The image is not the camera's. Nothing has changed then.
+    pub fn see(&mut self, image: Image<'_>, detections: &mut Vec<Detection, 16>) -> Result<(), SeeError> {
+        detections.clear();
+        self.check(image)?;
+        self.floating = Some(matches!(image, Image::F32(_)));
         match image {
             Image::U16(samples) => self.see_samples(samples, detections),
             Image::F32(samples) => self.see_samples(samples, detections),

@@ -62,12 +62,6 @@ impl Ball {
             spin: m.spin,
         }
     }
-
-    /// Kinetic and potential energy, J; heights are measured against `gravity`, from the origin.
-    pub fn energy(&self, gravity: &Vec3, m: &Motion) -> f64 {
-        let turning = self.inertia * self.radius * self.radius * m.spin.norm_squared();
-        self.mass * (0.5 * m.velocity.norm_squared() + 0.5 * turning - gravity.dot(&m.position))
-    }
 }
 
 #[cfg(test)]

@@ -29,11 +29,13 @@ impl Rect {
     }
 
     /// Grown by `margin` on every side.
+    #[must_use]
     pub fn grown(&self, margin: i32) -> Self {
         Self { left: self.left - margin, top: self.top - margin, right: self.right + margin, bottom: self.bottom + margin }
     }
 
     /// What both cover.
+    #[must_use]
     pub fn intersection(&self, other: &Self) -> Self {
         Self {
             left: self.left.max(other.left),
@@ -44,6 +46,7 @@ impl Rect {
     }
 
     /// The smallest that covers both.
+    #[must_use]
     pub fn union(&self, other: &Self) -> Self {
         Self {
             left: self.left.min(other.left),
@@ -83,7 +86,7 @@ impl Field {
         self.rows.clear();
         self.column_sums.clear();
         self.column_sums.resize(width, 0.0);
-        // Sums along each row, then down the columns: a row enters as another leaves. `drift` never lasts, f32 sums of units stay near 1e-5.
+        // Sums along each row, then down the columns: as one row enters, another leaves.
         for y in 0..height + window - 1 {
             let white: Vec<f32> = (0..width + window - 1).map(|_| StandardNormal.sample(rng)).collect();
             let mut sum: f32 = white[..window - 1].iter().sum();

@@ -141,6 +141,7 @@ impl Path {
     }
 
     /// Ends the path at `time`: somebody catches the ball.
+    #[must_use]
     pub fn caught(mut self, time: f64) -> Self {
         if let Some((position, velocity)) = self.at(time) {
             self.knots.retain(|k| k.time < time);
@@ -152,6 +153,7 @@ impl Path {
     }
 
     /// The same, `seconds` later.
+    #[must_use]
     pub fn later(mut self, seconds: f64) -> Self {
         self.knots.iter_mut().for_each(|k| k.time += seconds);
         self.touches.iter_mut().for_each(|t| t.time += seconds);

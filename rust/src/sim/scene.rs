@@ -87,17 +87,22 @@ impl Scene {
         camera(parameters, 1.0, self.sight.pose.filter(|_| parameters.pose))
     }
 
+    /// Whether the camera sees nothing but balls.
+    pub fn is_blank(&self) -> bool {
+        self.stage.solids.iter().all(|s| !s.visible)
+    }
+
     /// What really happens.
     pub fn truth(&self) -> &Truth {
         &self.truth
     }
 
     /// The frames, from the first.
-    pub fn frames(&self) -> Frames<'_> {
+    pub fn frames(&self) -> Frames {
         let p = &self.truth.parameters;
         let errors = Errors { sigma: p.sigma, window: p.window as usize, white: p.white };
         let sensor = Sensor::new(self.sight, errors, &self.stage.solids, self.sensor_seed);
-        Frames { scene: self, sensor, samples: std::vec![0; self.sight.width * self.sight.height], next: 0 }
+        Frames { scene: self.clone(), sensor, samples: std::vec![0; self.sight.width * self.sight.height], next: 0 }
     }
 
     /// Positions of all balls at `rate_hz`, in the order of time, each coordinate with independent noise of `sd`, m; whether the camera sees them or not.
@@ -115,17 +120,17 @@ impl Scene {
 
 /// Renders a scene frame by frame into one buffer.
 #[derive(Clone, Debug)]
-pub struct Frames<'a> {
-    scene: &'a Scene,
+pub struct Frames {
+    scene: Scene,
     sensor: Sensor,
     samples: Vec<u16>,
     next: usize,
 }
 
-impl Frames<'_> {
+impl Frames {
     /// The next frame, until the scene ends.
     pub fn next_frame(&mut self) -> Option<Frame<'_>> {
-        let scene = self.scene;
+        let scene = &self.scene;
         let truth = scene.truth.frames.get(self.next)?;
         self.next += 1;
         let t = (truth.timestamp_ns - scene.start_ns) as f64 * 1e-9;

@@ -4,24 +4,24 @@
 //! disparity over that object's pixels), with noise that neighbours share, rounded to whole raw units. What the projector
 //! can't light has no reading, nor have surfaces seen too obliquely.
 
-use super::impact::{Shape, Solid};
+use super::impact::Solid;
 use super::noise::{Field, Rect};
 use crate::geometry::camera::{Camera, NO_DISPARITY, Pose};
 use crate::math::Vec3;
+use rand::SeedableRng;
 use rand::rngs::Xoshiro256PlusPlus;
-use rand::{RngExt, SeedableRng};
 use std::vec::Vec;
 
 /// Focal length, px.
 pub const FOCAL: f64 = 575.8;
-/// From the camera to the projector, along the camera's x, m.
-pub const BASELINE: f64 = 0.075;
+/// From the camera to the projector, along the camera's x, m: shadows fall to the left.
+const BASELINE: f64 = 0.075;
 /// Raw disparity of a point at infinity.
-pub const RAW_AT_INFINITY: f64 = 1090.0;
+const RAW_AT_INFINITY: f64 = 1090.0;
 /// Steps of raw disparity per pixel of disparity.
-pub const RAW_PER_PIXEL: f64 = 8.0;
+const RAW_PER_PIXEL: f64 = 8.0;
 /// Temporal noise, raw units, before rounding.
-pub const RAW_SD: f64 = 0.4;
+const RAW_SD: f64 = 0.4;
 /// Fixed noise of a static background, raw units.
 const FROZEN_SD: f64 = 0.3;
 /// Nearest and farthest depth that is read, m.
@@ -82,7 +82,6 @@ impl Convex {
     fn new(solid: &Solid, pose: &Pose) -> Self {
         let faces = (0..solid.faces()).map(|f| solid.face(f));
         let turned = |n: Vec3, offset: f64| (pose.rotation.transpose() * n, offset - n.dot(&pose.translation));
-        debug_assert!(matches!(solid.shape, Shape::Plane { .. } | Shape::Box { .. }));
         Self { sides: faces.map(|(_, n, offset)| turned(n, offset)).collect() }
     }
 
@@ -140,11 +139,11 @@ struct Share {
 }
 
 /// Raw disparity at depth `z`, m, not yet rounded.
-pub fn raw_disparity(z: f64) -> f64 {
+fn raw_disparity(z: f64) -> f64 {
     (1.0 / z - disparity_law()[0]) / disparity_law()[1]
 }
 
-/// `[c0, c1]` of 1/z = c0 + c1 · raw, 1/m: disparity is baseline · focal / z pixels, [`RAW_PER_PIXEL`] steps each.
+/// `[c0, c1]` of 1/z = c0 + c1 · raw, 1/m: disparity is baseline · focal / z pixels, eight steps of raw each.
 pub fn disparity_law() -> [f64; 2] {
     let c1 = -1.0 / (RAW_PER_PIXEL * BASELINE * FOCAL);
     [-c1 * RAW_AT_INFINITY, c1]
@@ -290,8 +289,8 @@ impl Sensor {
                     continue;
                 }
                 let index = image.index(x, y);
-                let jitter = f64::from(self.edge.values[rect.index(x, y)]) * self.errors.sigma;
-                let raw = self.winner(&shares, front.label, jitter).map_or(f32::INFINITY, |(label, raw)| {
+                let chance = f64::from(self.edge.values[rect.index(x, y)]);
+                let raw = self.winner(&shares, front.label, chance).map_or(f32::INFINITY, |(label, raw)| {
                     let frozen = if label >= SOLIDS { self.frozen[index] } else { 0.0 };
                     raw + frozen
                 });
@@ -301,18 +300,19 @@ impl Sensor {
         self.hits = hits;
     }
 
-    /// The object that a window with these shares reads, and its mean raw disparity. `jitter` (sd 1) moves the front object's silhouette by Nguyen's
-    /// lateral noise: an edge that lies `d` pixels farther out fills `d` more columns of the window.
-    fn winner(&mut self, shares: &[Share], front: usize, jitter: f64) -> Option<(usize, f32)> {
+    /// The object that a window with these shares reads, and its mean raw disparity. `chance` (normal, sd 1) moves the front object's
+    /// silhouette by Nguyen's lateral noise (an edge that lies `d` pixels farther out takes `d` columns of the window from what is behind), and decides
+    /// whether a surface that is seen obliquely is lost.
+    fn winner(&self, shares: &[Share], front: usize, chance: f64) -> Option<(usize, f32)> {
         let mean_cos = |s: &Share| (s.cos / s.pixels as f64).clamp(0.0, 1.0);
         let nothing = (shares[NOTHING].pixels + shares[SHADOW].pixels) as f64;
         let mut best = (NOTHING, nothing);
         for (label, share) in shares.iter().enumerate().skip(BALLS).filter(|(_, s)| s.pixels > 0) {
             let mut vote = share.pixels as f64;
-            if label == front {
+            if label == front && share.pixels < self.errors.window * self.errors.window {
                 let incidence = mean_cos(share).acos().min(GRAZING[1]);
                 let lateral_sd = 0.8 + 0.035 * incidence / (core::f64::consts::FRAC_PI_2 - incidence);
-                vote += lateral_sd * jitter * self.errors.window as f64;
+                vote += 2.0 * self.errors.sigma * lateral_sd * chance * self.errors.window as f64;
             }
             if vote > best.1 {
                 best = (label, vote);
@@ -320,7 +320,8 @@ impl Sensor {
         }
         let share = (best.0 >= BALLS).then(|| &shares[best.0])?;
         let faded = (mean_cos(share).acos() - GRAZING[0]) / (GRAZING[1] - GRAZING[0]);
-        let lost = faded > 0.0 && self.rng.random::<f64>() < faded;
+        // The normal distribution makes `chance` uniform: neighbours share their window, and are lost together.
+        let lost = faded > 0.0 && 0.5 * libm::erfc(chance * core::f64::consts::FRAC_1_SQRT_2) < faded;
         (!lost).then(|| (best.0, raw_disparity(share.pixels as f64 / share.inverse_depth) as f32))
     }
 }

@@ -1,0 +1,149 @@
+"""The command line: `physinc run SOURCE` and its kin."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import App, CycloptsError, Parameter, validators
+
+from . import __version__
+from ._physinc import dump_config as configuration_in_force
+from ._physinc import simulate as simulate_scene
+from .errors import ConfigError, DeviceNotFoundError, PhysincError
+from .narration import Narration
+from .streaming import open_named
+
+app = App(
+    name="physinc",
+    version=__version__,
+    help="""Watch a depth camera, or a ball's trajectory, and tell what happened, physically: where a ball bounced, off which surfaces, even those
+    that the camera can't see.
+
+    Try `physinc run demo`: a ball is thrown over a floor and a box of glass.
+
+    Exit codes: 0 the source ended, 1 it broke, 2 usage or configuration, 3 no device, 130 Ctrl-C.""",
+)
+
+Flag = Parameter(negative="", show_default=False)
+
+
+@app.command
+def run(
+    source: str | None = None,
+    /,
+    *,
+    json: Annotated[bool, Flag] = False,
+    positions: Annotated[bool, Flag] = False,
+    provisional: Annotated[bool, Flag] = False,
+    config: Path | None = None,
+    camera: Path | None = None,
+    frames: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
+    duration: Annotated[float | None, Parameter(validator=validators.Number(gte=0))] = None,
+    every_frame: Annotated[bool, Flag] = False,
+    reconnect: Annotated[float | None, Parameter(validator=validators.Number(gte=0))] = None,
+    dump_config: Annotated[bool, Flag] = False,
+) -> int:
+    """Tell what happens in SOURCE, as it happens.
+
+    Parameters
+    ----------
+    source
+        demo: a recording inside the package. FILE.npz: depth frames (timestamps_ns [N] int64, and depth_mm or disparity [N,H,W] uint16).
+        FILE.csv, or - for stdin: positions, with the header t,x,y,z (s, m, z up) and optionally track, xx,xy,xz,yy,yz,zz.
+        Left out: a live Kinect, which this version can't read yet.
+    json
+        Print events, one JSON object a line, and nothing else; messages go to stderr.
+    positions
+        Tell every position of every ball.
+    provisional
+        Also tell events that a later one will replace.
+    config
+        TOML file; --dump-config prints one to start from.
+    camera
+        Camera file, instead of NAME.camera.toml or camera.toml beside the recording.
+    frames
+        Stop after so many frames.
+    duration
+        Stop after so many seconds of the stream.
+    every_frame
+        Live devices wait instead of dropping frames; of recordings every frame is used anyway.
+    reconnect
+        Live devices may be away for so many seconds; recordings don't go away.
+    dump_config
+        Print the configuration in force, and exit.
+    """
+    del every_frame, reconnect
+    if dump_config:
+        recording = source if source is not None and Path(source).is_file() else None
+        sys.stdout.write(configuration_in_force(recording, config, camera))
+        return 0
+    source = source or "kinect"
+    # Whoever types into a pipe, or throws the next ball, may take his time.
+    timeout = None if source == "-" else 2.0
+    stream = open_named(
+        source,
+        config=config,
+        camera=camera,
+        positions=positions,
+        provisional=provisional,
+        frames=frames,
+        duration=duration,
+        timeout=timeout,
+    )
+    interrupted = False
+
+    def interrupt(*_: Any) -> None:
+        nonlocal interrupted
+        interrupted = True
+        stream.interrupt()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    signal.signal(signal.SIGINT, interrupt)
+    if json:
+        for event in stream:
+            sys.stdout.write(event.to_json() + "\n")
+            sys.stdout.flush()
+    else:
+        narration = Narration()
+        for event in stream:
+            narration.tell(event)
+        narration.close(stream.busy)
+    return 130 if interrupted else 0
+
+
+@app.command
+def simulate(scene: str, out: Path, /) -> int:
+    """Simulate SCENE into OUT.npz, with the camera in OUT.camera.toml and the truth in OUT.truth.json.
+
+    Parameters
+    ----------
+    scene
+        bounce (six throws over a floor and a box that the camera can't see), room, two_balls, passive_flight, drop or roll, with keys, if any, as
+        in "bounce?seed=3&distance=2".
+    out
+        The recording. `physinc run OUT.npz` tells what happens in it.
+    """
+    frames, balls, contacts = simulate_scene(scene, out)
+    sys.stderr.write(f"{out}: {frames} frames, {balls} throws, {contacts} contacts\n")
+    return 0
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; its exit code."""
+    try:
+        return int(app(arguments, exit_on_error=False, result_action="return_value") or 0)
+    except CycloptsError:
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        # Whoever read has heard enough; what is still buffered goes nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except (PhysincError, OSError) as error:
+        sys.stderr.write(f"physinc: {error}\n")
+        return 2 if isinstance(error, ConfigError) else 3 if isinstance(error, DeviceNotFoundError) else 1

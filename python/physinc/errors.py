@@ -1,0 +1,25 @@
+"""What can go wrong: `PhysincError`, and beside it the built-in that a caller would expect."""
+
+
+class PhysincError(Exception):
+    """Anything that physinc raises by itself."""
+
+
+class ConfigError(PhysincError, ValueError):
+    """A configuration that can't be: names the key, the value, and what is expected."""
+
+
+class RecordingError(PhysincError, ValueError):
+    """A source that isn't what it should be, or broke."""
+
+
+class RecordingNotFoundError(RecordingError, FileNotFoundError):
+    """There is no such file."""
+
+
+class DeviceNotFoundError(PhysincError):
+    """No such camera is attached."""
+
+
+class StreamTimeoutError(PhysincError, TimeoutError):
+    """No input for too long; the stream stays open, and may be asked again."""

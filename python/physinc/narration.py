@@ -1,0 +1,120 @@
+"""What happened, told to people."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from . import _physinc as p
+
+
+class Narration:
+    """Prints bounces as they are told, and at the end the surfaces and a line of counters."""
+
+    def __init__(self, console: Console | None = None) -> None:
+        self.console = console or Console(highlight=False, soft_wrap=True)
+        self.start_ns = 0
+        self.surfaces: dict[int, p.Surface] = {}
+        self.restitutions: dict[int | None, list[float]] = defaultdict(list)
+        self.orientation: p.CameraOrientation | None = None
+        self.bounces = self.lost = 0
+        self.ended: p.StreamEnded | None = None
+
+    def tell(self, event: p.Event) -> None:
+        """Print `event` if people want to read it, and keep what the end will need."""
+        match event:
+            case p.StreamStarted():
+                self.start_ns = event.timestamp_ns
+                self.console.print(f"[dim]{event.source}[/]")
+            case p.Position():
+                self._line(event.timestamp_ns, f"[dim]ball {event.track} at {_point(event.center, event.covariance)}[/]")
+            case p.Contact():
+                self._line(event.time_ns, _bounce(event))
+                if event.final:
+                    self.bounces += 1
+                    if event.restitution is not None:
+                        self.restitutions[event.surface].append(event.restitution)
+            case p.Surface():
+                self.surfaces[event.id] = event
+            case p.CameraOrientation():
+                self.orientation = event
+            case p.Gap():
+                self.lost += event.frames or 0
+                seconds = (event.end_ns - event.start_ns) * 1e-9
+                self._line(event.start_ns, f"[yellow]nothing for {seconds:.3f} s ({event.reason.replace('_', ' ')})[/]")
+            case p.StreamEnded():
+                self.ended = event
+
+    def close(self, busy: float) -> None:
+        """Print what was found; the engine worked for `busy` seconds."""
+        surfaces = [surface for surface in self.surfaces.values() if surface.merged_into is None]
+        if surfaces:
+            self.console.print(self._table(surfaces))
+        if self.orientation is not None:
+            roll, pitch = math.degrees(self.orientation.roll), math.degrees(self.orientation.pitch)
+            size = float(np.linalg.norm(self.orientation.gravity_in_camera))
+            flights = self.orientation.flights
+            self.console.print(f"camera: roll {roll:.2f}°, pitch {pitch:.2f}°; gravity {size:.3f} m/s², of {flights} flights")
+        if self.ended is not None:
+            counters = self.ended.counters
+            rate = f", {busy / counters.frames * 1e6:.0f} µs a frame" if counters.frames else ""
+            dropped = f", {counters.frames_dropped} not used" if counters.frames_dropped else ""
+            reason = "" if self.ended.reason == "end_of_source" else f" ({self.ended.reason})"
+            frames = f"{counters.frames} frames, {self.lost} lost{dropped}{rate}"
+            self.console.print(f"{self.bounces} bounces, {len(surfaces)} surfaces; {frames}{reason}")
+
+    def _line(self, time_ns: int, text: str) -> None:
+        self.console.print(f"{(time_ns - self.start_ns) * 1e-9:9.4f} s  {text}")
+
+    def _table(self, surfaces: list[p.Surface]) -> Table:
+        names = {surface.id: surface.name or str(surface.id) for surface in self.surfaces.values()}
+        table = Table("surface", "height", "tilt", "normal", "bounces", "restitution", title="surfaces", title_justify="left")
+        for surface in surfaces:
+            restitutions = self.restitutions[surface.id]
+            table.add_row(
+                names[surface.id],
+                _height(surface, names),
+                "?" if surface.tilt is None else f"{math.degrees(surface.tilt):.2f}{_sd(surface.tilt_sd, 180 / math.pi, 2)}°",
+                _vector(surface.normal, 3),
+                str(surface.contacts),
+                f"{np.mean(restitutions):.3f}" if restitutions else "",
+            )
+        return table
+
+
+def _bounce(contact: p.Contact) -> str:
+    where = _point(contact.center if contact.point is None else contact.point, contact.covariance)
+    speeds = ""
+    if contact.velocity_before is not None and contact.velocity_after is not None:
+        speeds = f"  {np.linalg.norm(contact.velocity_before):.2f} → {np.linalg.norm(contact.velocity_after):.2f} m/s"
+    normal = "" if contact.normal is None else f"  normal {_vector(contact.normal, 3)}"
+    restitution = "" if contact.restitution is None else f"  restitution {contact.restitution:.3f}"
+    surface = "" if contact.surface is None else f"  surface {contact.surface}"
+    early = "" if contact.final else "  [dim](so far)[/]"
+    return f"[bold]bounce[/] of ball {contact.track} at {where}{speeds}{normal}{restitution}{surface}{early}"
+
+
+def _height(surface: p.Surface, names: dict[int, str]) -> str:
+    if surface.above is not None:
+        below = names.get(surface.above.surface, str(surface.above.surface))
+        return f"{surface.above.height * 1e3:.2f}{_sd(surface.above.sd, 1e3, 2)} mm above {below}"
+    sd = None if surface.covariance is None else math.sqrt(max(surface.covariance[3, 3], 0.0))
+    return f"{surface.offset * 1e3:.2f}{_sd(sd, 1e3, 2)} mm"
+
+
+def _point(center: NDArray[np.float64], covariance: NDArray[np.float64] | None) -> str:
+    sd = None if covariance is None else math.sqrt(max(np.trace(covariance) / 3, 0.0))
+    return f"{_vector(center, 4)}{_sd(sd, 1e3, 1)}{'' if sd is None else ' mm'}"
+
+
+def _vector(v: NDArray[np.float64], digits: int) -> str:
+    return "(" + ", ".join(f"{x:+.{digits}f}" for x in v) + ")"
+
+
+def _sd(sd: float | None, scale: float, digits: int) -> str:
+    return "" if sd is None else f" ± {sd * scale:.{digits}f}"

@@ -1,0 +1,91 @@
+"""Where a stream comes from."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._physinc import Position, Stream, open, open_iterable  # noqa: A004
+from .config import CameraConfig, Config
+from .errors import ConfigError
+
+Depth: TypeAlias = NDArray[np.uint16] | NDArray[np.float32]
+"""A depth image [H, W]: uint16 in mm, 0 where there is no reading, or float32 in m, NaN where there is none."""
+Item: TypeAlias = tuple[int, Depth] | Position | list[Position]
+"""What an iterable may yield: a frame and its stamp in ns, a position, or all positions of one instant."""
+Source: TypeAlias = str | os.PathLike[str] | Iterable[Item]
+"""What may be streamed."""
+
+DEMO = Path(__file__).with_name("demo.npz")
+"""The recording inside the package."""
+
+
+def stream(
+    source: Source | None = None,
+    *,
+    config: str | os.PathLike[str] | Mapping[str, Any] | Config | None = None,
+    camera: str | os.PathLike[str] | Mapping[str, Any] | CameraConfig | None = None,
+    positions: bool = False,
+    provisional: bool = False,
+    frames: bool = False,
+    timeout: float | None = 2.0,
+    reconnect: bool = False,
+) -> Stream:
+    """Iterate over what happens in `source`.
+
+    `source` is `"demo"`, the path of an `*.npz` (depth frames) or `*.csv` (positions), `"-"` (a CSV on stdin), or an iterable of
+    `(timestamp_ns, depth)` or `Position`. Left out it is a live Kinect, which this version can't read yet.
+
+    `config` is the path of a TOML file, a dict of the same shape, or a `Config`; `camera` likewise a camera file, a dict or a `CameraConfig`,
+    which wins over the file beside a recording.
+
+    With `positions` every position is told, with `provisional` also events that a later one will replace.
+    After `timeout` seconds without input `StreamTimeoutError` is raised (`None`: wait as long as it takes); iterables are waited for.
+    `reconnect` concerns live devices only; recordings end.
+
+    Raises `PhysincError`s that say what happened and what mends it; what an iterable raises passes unchanged.
+    """
+    del reconnect
+    if frames:
+        raise ConfigError("frames = True: this version doesn't hand out images; expected False")
+    config, camera = _plain(config), _plain(camera)
+    if source is None:
+        source = "kinect"
+    if isinstance(source, (str, os.PathLike)):
+        return open_named(source, config=config, camera=camera, positions=positions, provisional=provisional, timeout=timeout)
+    return open_iterable(source, config=config, camera=camera, positions=positions, provisional=provisional)
+
+
+def open_named(
+    source: str | os.PathLike[str],
+    *,
+    config: Any = None,
+    camera: Any = None,
+    positions: bool = False,
+    provisional: bool = False,
+    frames: int | None = None,
+    duration: float | None = None,
+    timeout: float | None = 2.0,
+) -> Stream:
+    """Open a source by name, as the command line does: at most `frames` inputs, and `duration` seconds of them."""
+    name = os.fspath(source)
+    return open(
+        str(DEMO) if name == "demo" else name,
+        name=name,
+        config=config,
+        camera=camera,
+        positions=positions,
+        provisional=provisional,
+        frames=frames,
+        duration=duration,
+        timeout=timeout,
+    )
+
+
+def _plain(mapping: Any) -> Any:
+    return dict(mapping) if isinstance(mapping, Mapping) else mapping

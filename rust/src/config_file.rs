@@ -1,0 +1,157 @@
+//! Configuration and camera files: TOML to structs, and errors that name file, line and key.
+
+use crate::config::{CameraConfig, Config};
+use crate::error::ConfigError;
+use serde::de::DeserializeOwned;
+use std::format;
+use std::path::{Path, PathBuf};
+use std::string::{String, ToString};
+
+/// What is wrong with a configuration, and where.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigFileError {
+    /// It can't be read.
+    #[error("{}: {error}; give the path of a TOML file, `physinc run --dump-config` prints one to start from", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system says.
+        error: std::io::Error,
+    },
+    /// It is no TOML, or has keys or types that physinc doesn't know.
+    #[error("{place}: {message}")]
+    Malformed {
+        /// File and line.
+        place: String,
+        /// The line, and what is wrong with it.
+        message: String,
+    },
+    /// A value can't be.
+    #[error("{place}: {error}")]
+    Impossible {
+        /// File and line.
+        place: String,
+        /// Key, value and what is expected.
+        error: ConfigError,
+    },
+}
+
+/// A configuration file.
+///
+/// # Errors
+/// What is wrong with it, in one line.
+pub fn read_config(path: &Path) -> Result<Config, ConfigFileError> {
+    let text = read(path)?;
+    let config: Config = parse(path, &text)?;
+    config.validate().map_err(|error| impossible(path, &text, error))?;
+    Ok(config)
+}
+
+/// A `camera.toml`.
+///
+/// # Errors
+/// What is wrong with it, in one line.
+pub fn read_camera(path: &Path) -> Result<CameraConfig, ConfigFileError> {
+    let text = read(path)?;
+    let camera: CameraConfig = parse(path, &text)?;
+    camera.validate().map_err(|error| impossible(path, &text, error))?;
+    Ok(camera)
+}
+
+/// The TOML of a configuration; what is left out is at its default.
+///
+/// # Errors
+/// Never, in practice: every configuration can be written.
+pub fn to_toml(config: &Config) -> Result<String, toml::ser::Error> {
+    toml::to_string(config)
+}
+
+fn read(path: &Path) -> Result<String, ConfigFileError> {
+    std::fs::read_to_string(path).map_err(|error| ConfigFileError::Unreadable { path: path.into(), error })
+}
+
+fn parse<T: DeserializeOwned>(path: &Path, text: &str) -> Result<T, ConfigFileError> {
+    toml::from_str(text).map_err(|error| {
+        let line = error.span().map(|span| text[..span.start].matches('\n').count());
+        let quoted = line.and_then(|line| text.lines().nth(line)).map_or(String::new(), |line| format!("`{}`: ", line.trim()));
+        let message = error.message().trim_end().replace('\n', ", ");
+        ConfigFileError::Malformed { place: place(path, line), message: quoted + &message }
+    })
+}
+
+fn impossible(path: &Path, text: &str, error: ConfigError) -> ConfigFileError {
+    ConfigFileError::Impossible { place: place(path, line_of(text, error.key)), error }
+}
+
+fn place(path: &Path, line: Option<usize>) -> String {
+    match line {
+        Some(line) => format!("{}:{}", path.display(), line + 1),
+        None => path.display().to_string(),
+    }
+}
+
+/// The line of `text` (from 0) that sets `key` (`section.name`), as far as it can be told from its shape.
+fn line_of(text: &str, key: &str) -> Option<usize> {
+    let (section, name) = key.rsplit_once('.')?;
+    let mut here = "";
+    text.lines().position(|line| {
+        let line = line.trim();
+        if line.starts_with('[') {
+            here = line.trim_matches(['[', ']', ' ']);
+        }
+        let sets_it = line.split_once('=').is_some_and(|(left, _)| left.trim() == name);
+        // A camera file has the keys of [camera] at its top.
+        sets_it && (here == section || (here.is_empty() && section == "camera"))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn message(text: &str) -> String {
+        match parse::<Config>(Path::new("c.toml"), text)
+            .and_then(|config| config.validate().map_err(|error| impossible(Path::new("c.toml"), text, error)))
+        {
+            Ok(()) => String::new(),
+            Err(error) => error.to_string(),
+        }
+    }
+
+    #[test]
+    fn errors_name_file_line_and_key() {
+        assert!(message("[object]\nradus = 1").starts_with("c.toml:2: `radus = 1`: unknown field `radus`, expected one of `shape`"));
+        assert!(message("\n[object]\nradius = -1.0\n").starts_with("c.toml:3: object.radius = -1: expected"));
+        assert!(message("[object]\nmass = \"heavy\"").starts_with("c.toml:2: `mass = \"heavy\"`: invalid type"));
+        assert!(message("[[environment.plane]]\nnormal = [0.0, 0.0, 2.0]").starts_with("c.toml:2: environment.plane.normal = 4"));
+        assert!(message("[object").starts_with("c.toml:1: "));
+        assert_eq!(message("[object]\nradius = [0.02, 0.033]"), "");
+        for message in [message("[object]\nradus = 1"), message("[object"), message("a = \n\n\"")] {
+            assert!(!message.contains('\n'), "{message}");
+        }
+    }
+
+    #[test]
+    fn what_is_to_come_is_refused() {
+        for (text, key) in [
+            ("[object]\nshape = \"any\"", "object.shape"),
+            ("[laws]\nlaw = \"auto\"", "laws.law"),
+            ("[laws]\nmagnus = true", "laws.magnus"),
+            ("[assume]\ncamera = \"moving\"", "assume.camera"),
+            ("[assume]\nobjects = \"unknown\"", "assume.objects"),
+            ("[[environment.mesh]]\npath = \"a.obj\"", "environment.mesh"),
+        ] {
+            assert!(message(text).contains(key), "{text}: {}", message(text));
+        }
+    }
+
+    #[test]
+    fn what_is_written_is_read_back() {
+        let text = "[camera]\nfx = 500.5\nworld_from_camera = [[1.0,0.0,0.0,0.0],[0.0,1.0,0.0,0.0],[0.0,0.0,1.0,2.0],[0.0,0.0,0.0,1.0]]\n\
+                    [object]\nradius = [0.02, 0.033]\n[[environment.plane]]\nname = \"ground\"\noffset = 0.25";
+        let config: Config = parse(Path::new("c.toml"), text).unwrap();
+        let again: Config = parse(Path::new("c.toml"), &to_toml(&config).unwrap()).unwrap();
+        assert_eq!(again, config);
+        assert_eq!(parse::<Config>(Path::new("c.toml"), &to_toml(&Config::default()).unwrap()).unwrap(), Config::default());
+    }
+}

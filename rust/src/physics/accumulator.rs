@@ -1,0 +1,163 @@
+//! The one mathematics under everything: linear-Gaussian observations, gathered as normal equations.
+//!
+//! Each observation says y = H x + noise. What is kept is the information matrix Σ HᵀWH, the vector Σ HᵀWy and the
+//! scalars that the marginal likelihood needs, so hypotheses over the same measurements compare by [`Solution::log_evidence`].
+
+use crate::math::{Mat3, Vec3};
+use nalgebra::{SMatrix, SVector};
+
+/// Normal equations of `N` unknowns.
+#[derive(Clone, Debug)]
+pub struct Accumulator<const N: usize> {
+    information: SMatrix<f64, N, N>,
+    vector: SVector<f64, N>,
+    square: f64,
+    log_weight: f64,
+    rows: usize,
+}
+
+/// What the normal equations say.
+#[derive(Clone, Debug)]
+pub struct Solution<const N: usize> {
+    /// The unknowns.
+    pub mean: SVector<f64, N>,
+    /// Their covariance.
+    pub covariance: SMatrix<f64, N, N>,
+    /// Weighted sum of squared residuals at the mean, priors included.
+    pub chi2: f64,
+    /// Log of the marginal likelihood of all observations; priors must be proper for it to mean something.
+    pub log_evidence: f64,
+}
+
+impl<const N: usize> Default for Accumulator<N> {
+    fn default() -> Self {
+        Self { information: SMatrix::zeros(), vector: SVector::zeros(), square: 0.0, log_weight: 0.0, rows: 0 }
+    }
+}
+
+impl<const N: usize> Accumulator<N> {
+    /// Scalar observations: prior knowledge that row · x = `value`, with standard deviation `sd`.
+    pub fn observe(&mut self, row: &SVector<f64, N>, value: f64, sd: f64) {
+        let w = 1.0 / (sd * sd);
+        self.information.ger(w, row, row, 1.0);
+        self.vector.axpy(w * value, row, 1.0);
+        self.square += w * value * value;
+        self.log_weight += 0.5 * libm::log(w / core::f64::consts::TAU);
+        self.rows += 1;
+    }
+
+    /// Prior knowledge of the unknown `index` alone.
+    pub fn expect(&mut self, index: usize, value: f64, sd: f64) {
+        let row = SVector::from_fn(|i, _| if i == index { 1.0 } else { 0.0 });
+        self.observe(&row, value, sd);
+    }
+
+    /// A point y = Σ coefficient · block + noise, where the unknowns come in blocks of three: all that a flight needs.
+    pub fn observe_point<const K: usize>(&mut self, coefficients: &[f64; K], y: &Vec3, weight: &Mat3) {
+        let wy = weight * y;
+        for (i, a) in coefficients.iter().enumerate() {
+            for (j, b) in coefficients.iter().enumerate() {
+                let mut block = self.information.fixed_view_mut::<3, 3>(3 * i, 3 * j);
+                block += weight * (a * b);
+            }
+            let mut block = self.vector.fixed_rows_mut::<3>(3 * i);
+            block += wy * *a;
+        }
+        self.weigh(y.dot(&wy), weight);
+    }
+
+    /// A point y = H x + noise.
+    pub fn observe_design(&mut self, design: &SMatrix<f64, 3, N>, y: &Vec3, weight: &Mat3) {
+        let hw = design.transpose() * weight;
+        self.information += hw * design;
+        self.vector += hw * y;
+        self.weigh(y.dot(&(weight * y)), weight);
+    }
+
+    fn weigh(&mut self, square: f64, weight: &Mat3) {
+        self.square += square;
+        self.log_weight += 0.5 * libm::log(weight.determinant().max(f64::MIN_POSITIVE)) - 1.5 * libm::log(core::f64::consts::TAU);
+        self.rows += 3;
+    }
+
+    /// Knowledge of three neighbouring unknowns from `first` on: Gaussian with `information` about `mean`.
+    pub fn expect_block(&mut self, first: usize, mean: &Vec3, information: &Mat3) {
+        let mut block = self.information.fixed_view_mut::<3, 3>(first, first);
+        block += information;
+        let mut block = self.vector.fixed_rows_mut::<3>(first);
+        let pull = information * mean;
+        block += pull;
+        self.weigh(mean.dot(&pull), information);
+    }
+
+    /// The information that is left about the three unknowns from `first` on when all others are free: (matrix, vector).
+    /// `None` where the others are not determined.
+    pub fn marginal(&self, first: usize) -> Option<(Mat3, Vec3)> {
+        // The Schur complement, by the inverse of the covariance's block, with the block itself held off zero.
+        let mut held = self.clone();
+        let ridge = Mat3::identity();
+        held.expect_block(first, &Vec3::zeros(), &ridge);
+        let solution = held.solve()?;
+        let covariance: Mat3 = solution.covariance.fixed_view::<3, 3>(first, first).into();
+        let mean: Vec3 = solution.mean.fixed_rows::<3>(first).into();
+        let information = crate::math::symmetric(&covariance.try_inverse()?);
+        Some((information - ridge, information * mean))
+    }
+
+    /// Mean, covariance, χ² and evidence; `None` where something is not determined.
+    pub fn solve(&self) -> Option<Solution<N>> {
+        // Unit diagonal first: metres, m/s and m/s² differ by orders.
+        let scale = self.information.diagonal().map(|d| if d > 0.0 { 1.0 / libm::sqrt(d) } else { 0.0 });
+        let scaled = SMatrix::<f64, N, N>::from_fn(|i, j| self.information[(i, j)] * scale[i] * scale[j]);
+        let cholesky = scaled.cholesky()?;
+        let inverse = cholesky.inverse();
+        let covariance = SMatrix::<f64, N, N>::from_fn(|i, j| 0.5 * (inverse[(i, j)] + inverse[(j, i)]) * scale[i] * scale[j]);
+        let mean = cholesky.solve(&self.vector.component_mul(&scale)).component_mul(&scale);
+        let chi2 = (self.square - mean.dot(&self.vector)).max(0.0);
+        let factor = cholesky.l_dirty();
+        let log_root: f64 = (0..N).map(|i| libm::log(factor[(i, i)]) - libm::log(scale[i])).sum();
+        let log_evidence = self.log_weight - 0.5 * chi2 - log_root + 0.5 * N as f64 * libm::log(core::f64::consts::TAU);
+        mean.iter().chain(covariance.iter()).all(|x| x.is_finite()).then_some(Solution { mean, covariance, chi2, log_evidence })
+    }
+
+    /// Scalars observed so far, priors included.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn evidence_is_the_gaussian_marginal_likelihood() {
+        // One unknown with prior N(0, 2²), seen once with sd 1 at 3: marginally N(0, 5).
+        let mut a = Accumulator::<1>::default();
+        a.expect(0, 0.0, 2.0);
+        a.expect(0, 3.0, 1.0);
+        let s = a.solve().unwrap();
+        let expected = -0.5 * libm::log(core::f64::consts::TAU * 5.0) - 0.5 * 9.0 / 5.0;
+        assert!((s.log_evidence - expected).abs() < 1e-12);
+        assert!((s.mean[0] - 2.4).abs() < 1e-12 && (s.covariance[(0, 0)] - 0.8).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_marginal_is_the_schur_complement() {
+        let mut a = Accumulator::<6>::default();
+        for (t, x) in [(0.0, 1.0), (1.0, 2.5), (2.0, 3.0)] {
+            a.observe_point(&[1.0, t], &Vec3::new(x, -x, 2.0 * x), &Mat3::from_diagonal_element(4.0));
+        }
+        let (information, vector) = a.marginal(3).unwrap();
+        // A line through t = 0, 1, 2: the slope's information is w Σ (t − 1)² = 8, its value (3 − 1) / 2.
+        assert!((information - Mat3::from_diagonal_element(8.0)).abs().max() < 1e-9);
+        assert!((vector - Vec3::new(8.0, -8.0, 16.0)).abs().max() < 1e-9);
+    }
+
+    #[test]
+    fn what_is_not_determined_is_none() {
+        let mut a = Accumulator::<6>::default();
+        a.observe_point(&[1.0, 0.5], &Vec3::zeros(), &Mat3::identity());
+        assert!(a.solve().is_none());
+    }
+}

@@ -1,0 +1,156 @@
+//! The paper's own estimators, for comparison: finite differences, one-step predictions, two free parabolas.
+
+use crate::math::Vec3;
+use crate::physics::Sample;
+use crate::physics::contact::Contact;
+use nalgebra::{Matrix3, SMatrix, Vector3};
+
+/// Eq. 4: the velocity between two measurements, m/s; `None` where no time passed.
+pub fn velocity(a: &Sample, b: &Sample) -> Option<Vec3> {
+    let dt = b.t - a.t;
+    (dt > 0.0).then(|| (b.position - a.position) / dt)
+}
+
+/// Eq. 4 twice: the frame-wise acceleration at the last of three measurements, m/s².
+pub fn acceleration(a: &Sample, b: &Sample, c: &Sample) -> Option<Vec3> {
+    Some((velocity(b, c)? - velocity(a, b)?) / (c.t - b.t))
+}
+
+/// Eq. 5: the center at time `t` (s) from the last two measurements and `gravity` (m/s²).
+pub fn predict(a: &Sample, b: &Sample, t: f64, gravity: &Vec3) -> Option<Vec3> {
+    let dt = t - b.t;
+    Some(b.position + velocity(a, b)? * dt + gravity * (0.5 * dt * dt))
+}
+
+/// A parabola through measurements, every axis free: c0 + c1 (t − epoch) + c2 (t − epoch)².
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parabola {
+    /// Reference time, s.
+    pub epoch: f64,
+    /// Columns c0, c1, c2.
+    pub coefficients: Matrix3<f64>,
+}
+
+impl Parabola {
+    /// Unweighted least squares; `None` for fewer than three distinct times.
+    pub fn fit(samples: &[Sample]) -> Option<Self> {
+        let epoch = samples.first()?.t;
+        let (mut normal, mut right) = (Matrix3::zeros(), Matrix3::zeros());
+        for sample in samples {
+            let s = sample.t - epoch;
+            let row = Vector3::new(1.0, s, s * s);
+            normal += row * row.transpose();
+            right += sample.position * row.transpose();
+        }
+        let inverse = normal.try_inverse().filter(|_| samples.len() >= 3)?;
+        Some(Self { epoch, coefficients: right * inverse })
+    }
+
+    /// Center at `t`, m.
+    pub fn position(&self, t: f64) -> Vec3 {
+        let s = t - self.epoch;
+        self.coefficients * Vec3::new(1.0, s, s * s)
+    }
+
+    /// Velocity at `t`, m/s.
+    pub fn velocity(&self, t: f64) -> Vec3 {
+        let s = t - self.epoch;
+        self.coefficients * Vec3::new(0.0, 1.0, 2.0 * s)
+    }
+}
+
+/// Measurements on each side that its parabolas are fitted to ("a few").
+pub const SIDE: usize = 5;
+
+/// The paper's contact: parabolas of a few measurements before and after, their closest points, the tangents there.
+/// It knows no uncertainty: its covariance is infinite.
+pub fn contact(before: &[Sample], after: &[Sample]) -> Option<Contact> {
+    let before = &before[before.len().saturating_sub(SIDE)..];
+    let after = &after[..after.len().min(SIDE)];
+    let (p, q) = (Parabola::fit(before)?, Parabola::fit(after)?);
+    let (last, first) = (before.last()?.t, after.first()?.t);
+    let (t, u) = closest_points(&p, &q, last, first);
+    Some(Contact {
+        time: 0.5 * (t + u),
+        center: (p.position(t) + q.position(u)) * 0.5,
+        before: p.velocity(t),
+        after: q.velocity(u),
+        gravity: p.coefficients.column(2) + q.coefficients.column(2),
+        covariance: SMatrix::from_diagonal_element(f64::INFINITY),
+        time_sd: f64::INFINITY,
+        chi2: f64::NAN,
+        log_evidence: f64::NAN,
+        counts: [before.len(), after.len()],
+    })
+}
+
+/// Times on either parabola, in and around `from..=to`, at which the curves (not the moving balls) are closest.
+fn closest_points(p: &Parabola, q: &Parabola, from: f64, to: f64) -> (f64, f64) {
+    const GRID: i32 = 40;
+    let margin = 0.5 * (to - from);
+    let at = |i: i32| from - margin + (to - from + 2.0 * margin) * f64::from(i) / f64::from(GRID);
+    let distance = |t: f64, u: f64| (p.position(t) - q.position(u)).norm_squared();
+    let pairs = (0..=GRID).flat_map(|i| (0..=GRID).map(move |j| (at(i), at(j))));
+    let start = pairs.map(|(t, u)| (distance(t, u), t, u)).min_by(|a, b| a.0.total_cmp(&b.0));
+    let (mut t, mut u) = start.map_or((from, to), |(_, t, u)| (t, u));
+    for _ in 0..20 {
+        // Gauss–Newton on p(t) − q(u).
+        let (r, a, b) = (p.position(t) - q.position(u), p.velocity(t), -q.velocity(u));
+        let normal = nalgebra::Matrix2::new(a.dot(&a), a.dot(&b), a.dot(&b), b.dot(&b) + 1e-12);
+        let Some(step) = normal.try_inverse().map(|n| n * nalgebra::Vector2::new(-a.dot(&r), -b.dot(&r))) else { break };
+        let (low, high) = (from - margin, to + margin);
+        (t, u) = ((t + step.x).clamp(low, high), (u + step.y).clamp(low, high));
+    }
+    (t, u)
+}
+
+/// The normal of the paper's little surface, which lies along the motion just before and after: halfway between the reversed
+/// tangent before and the tangent after.
+pub fn normal(contact: &Contact) -> Option<Vec3> {
+    (contact.after.try_normalize(1e-9)? - contact.before.try_normalize(1e-9)?).try_normalize(1e-9)
+}
+
+/// The mean of the frame-wise accelerations (sec. 3.1), m/s²; `None` for fewer than three measurements.
+pub fn mean_acceleration(samples: &[Sample]) -> Option<Vec3> {
+    let mut sum = Vec3::zeros();
+    let mut count = 0.0;
+    for w in samples.windows(3) {
+        sum += acceleration(&w[0], &w[1], &w[2])?;
+        count += 1.0;
+    }
+    (count > 0.0).then(|| sum / count)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const G: Vec3 = Vec3::new(0.0, 0.0, -9.81);
+
+    fn throw(t: f64, from: Vec3, v: Vec3) -> Sample {
+        Sample::isotropic(t, from + v * t + 0.5 * G * t * t, 1e-3)
+    }
+
+    #[test]
+    fn eq_4_and_eq_5_hold_on_a_parabola() {
+        let s: [Sample; 3] = core::array::from_fn(|i| throw(i as f64 / 30.0, Vec3::zeros(), Vec3::new(1.0, 2.0, 3.0)));
+        assert!((acceleration(&s[0], &s[1], &s[2]).unwrap() - G).norm() < 1e-9);
+        // Eq. 5 with the mean velocity of the last step lags by g dt²/2 · 2: the paper's own approximation.
+        let lag = predict(&s[0], &s[1], s[2].t, &G).unwrap() - s[2].position;
+        assert!((lag - G * (-0.5 / 900.0)).norm() < 1e-9);
+        assert_eq!(acceleration(&s[0], &s[1], &s[1]), None);
+    }
+
+    #[test]
+    fn two_parabolas_meet_at_the_bounce() {
+        let hit = Vec3::new(0.2, 1.5, 0.033);
+        let sample = |i: i32| {
+            let t = f64::from(i) / 30.0 - 0.2811;
+            throw(t, hit, if t < 0.0 { Vec3::new(1.0, 0.2, -3.0) } else { Vec3::new(0.7, 0.1, 2.2) })
+        };
+        let all: heapless::Vec<Sample, 16> = (0..16).map(sample).collect();
+        let c = contact(&all[..9], &all[9..]).unwrap();
+        assert!((c.center - hit).norm() < 1e-6 && c.time.abs() < 1e-6, "{c:?}");
+        assert!(normal(&c).unwrap().z > 0.99);
+    }
+}

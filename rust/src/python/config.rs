@@ -1,0 +1,112 @@
+//! Configurations from Python: paths, dicts and dataclasses.
+
+use super::error::in_config;
+use crate::config::{CameraConfig, Config};
+use crate::config_file;
+use crate::source::camera_in_force;
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
+use serde::de::DeserializeOwned;
+use std::boxed::Box;
+use std::format;
+use std::path::PathBuf;
+use std::string::{String, ToString};
+use std::vec::Vec;
+
+/// `None`, the path of a TOML file, a dict or a dataclass.
+pub fn config(from: Option<&Bound<'_, PyAny>>) -> PyResult<Config> {
+    let Some(from) = from else { return Ok(Config::default()) };
+    let config = match path(from) {
+        Some(path) => config_file::read_config(&path)?,
+        None => keys(from, "config")?,
+    };
+    config.validate()?;
+    Ok(config)
+}
+
+/// What `camera` says: a file, or keys that win over those of the configuration.
+pub enum CameraSource {
+    File(PathBuf),
+    Keys(Box<CameraConfig>),
+    Nowhere,
+}
+
+/// `None`, the path of a camera file, a dict or a dataclass.
+pub fn camera(from: Option<&Bound<'_, PyAny>>) -> PyResult<CameraSource> {
+    let Some(from) = from else { return Ok(CameraSource::Nowhere) };
+    match path(from) {
+        Some(path) => Ok(CameraSource::File(path)),
+        None => Ok(CameraSource::Keys(Box::new(keys(from, "camera")?))),
+    }
+}
+
+/// The configuration in force for `source`, as TOML.
+#[pyfunction]
+#[pyo3(signature = (source=None, config=None, camera=None))]
+pub fn dump_config(source: Option<&str>, config: Option<&Bound<'_, PyAny>>, camera: Option<&Bound<'_, PyAny>>) -> PyResult<String> {
+    let mut config = self::config(config)?;
+    match self::camera(camera)? {
+        CameraSource::Keys(keys) => config.camera = keys.or(&camera_in_force(source, &config, None)?),
+        CameraSource::File(file) => config.camera = camera_in_force(source, &config, Some(&file))?,
+        CameraSource::Nowhere => config.camera = camera_in_force(source, &config, None)?,
+    }
+    config.validate()?;
+    config_file::to_toml(&config).map_err(|error| in_config(error.to_string()))
+}
+
+fn path(from: &Bound<'_, PyAny>) -> Option<PathBuf> {
+    from.extract().ok()
+}
+
+fn keys<T: DeserializeOwned>(from: &Bound<'_, PyAny>, what: &str) -> PyResult<T> {
+    if !(from.is_instance_of::<PyDict>() || from.hasattr("__dataclass_fields__")?) {
+        return Err(PyTypeError::new_err(format!(
+            "{what} must be the path of a TOML file, a dict or a dataclass, got {}",
+            from.get_type()
+        )));
+    }
+    let tree = tree(from, what)?.unwrap_or_else(|| toml::Table::new().into());
+    tree.try_into().map_err(|error| in_config(format!("{what}: {}", error.to_string().trim_end().replace('\n', " "))))
+}
+
+/// `None` where a key is left out.
+fn tree(from: &Bound<'_, PyAny>, key: &str) -> PyResult<Option<toml::Value>> {
+    if from.is_none() {
+        return Ok(None);
+    }
+    Ok(Some(if let Ok(dict) = from.cast::<PyDict>() {
+        let mut table = toml::Table::new();
+        for (name, value) in dict {
+            let name: String = name.str()?.to_string();
+            if let Some(value) = tree(&value, &format!("{key}.{name}"))? {
+                table.insert(name, value);
+            }
+        }
+        table.into()
+    } else if let Ok(fields) = from.getattr("__dataclass_fields__") {
+        let values = PyDict::new(from.py());
+        for name in fields.try_iter()? {
+            let name = name?;
+            values.set_item(&name, from.getattr(name.cast::<PyString>()?)?)?;
+        }
+        return tree(values.as_any(), key);
+    } else if from.is_instance_of::<PyBool>() {
+        toml::Value::Boolean(from.extract()?)
+    } else if from.is_instance_of::<PyInt>() {
+        toml::Value::Integer(from.extract()?)
+    } else if from.is_instance_of::<PyFloat>() {
+        toml::Value::Float(from.extract()?)
+    } else if from.is_instance_of::<PyString>() {
+        toml::Value::String(from.extract()?)
+    } else if from.is_instance_of::<PyList>() || from.is_instance_of::<PyTuple>() {
+        let items = from.try_iter()?.map(|item| tree(&item?, key)).collect::<PyResult<Vec<_>>>()?;
+        toml::Value::Array(items.into_iter().flatten().collect())
+    } else if from.hasattr("tolist")? {
+        return tree(&from.call_method0("tolist")?, key);
+    } else if let Ok(path) = from.extract::<PathBuf>() {
+        toml::Value::String(path.display().to_string())
+    } else {
+        return Err(in_config(format!("{key} can't be of {}", from.get_type())));
+    }))
+}

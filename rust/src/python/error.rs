@@ -1,0 +1,49 @@
+//! Errors as the exceptions of `physinc.errors`.
+
+use crate::config_file::ConfigFileError;
+use crate::source::SourceError;
+use pyo3::PyErr;
+use std::string::{String, ToString};
+
+mod exceptions {
+    pyo3::import_exception!(physinc.errors, PhysincError);
+    pyo3::import_exception!(physinc.errors, ConfigError);
+    pyo3::import_exception!(physinc.errors, DeviceNotFoundError);
+    pyo3::import_exception!(physinc.errors, RecordingError);
+    pyo3::import_exception!(physinc.errors, RecordingNotFoundError);
+    pyo3::import_exception!(physinc.errors, StreamTimeoutError);
+}
+pub use exceptions::{ConfigError, PhysincError, RecordingError, StreamTimeoutError};
+
+impl From<SourceError> for PyErr {
+    fn from(error: SourceError) -> Self {
+        let message = error.to_string();
+        match error {
+            SourceError::NotFound { .. } => exceptions::RecordingNotFoundError::new_err(message),
+            SourceError::NoDevice { .. } => exceptions::DeviceNotFoundError::new_err(message),
+            SourceError::CameraFile(_) | SourceError::Camera(_) => ConfigError::new_err(message),
+            SourceError::Panicked => PhysincError::new_err(message),
+            SourceError::Unreadable { .. }
+            | SourceError::Unsupported { .. }
+            | SourceError::Malformed { .. }
+            | SourceError::Empty { .. } => RecordingError::new_err(message),
+        }
+    }
+}
+
+impl From<ConfigFileError> for PyErr {
+    fn from(error: ConfigFileError) -> Self {
+        ConfigError::new_err(error.to_string())
+    }
+}
+
+impl From<crate::error::ConfigError> for PyErr {
+    fn from(error: crate::error::ConfigError) -> Self {
+        ConfigError::new_err(error.to_string())
+    }
+}
+
+/// A configuration that came from Python, not from a file.
+pub fn in_config(what: impl Into<String>) -> PyErr {
+    ConfigError::new_err(what.into())
+}

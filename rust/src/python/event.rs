@@ -1,0 +1,243 @@
+//! Events as frozen Python classes.
+
+use super::array::{array1, array2, matrix, vector};
+use super::error::PhysincError;
+use crate::event::{self, Event, Kind};
+use crate::math::rows;
+use pyo3::IntoPyObjectExt;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyList, PyTuple};
+use serde::Serialize;
+use std::format;
+use std::string::{String, ToString};
+use std::vec::Vec;
+
+/// A field as Python sees it: float64 arrays for vectors and matrices, `None` where unknown.
+trait Field {
+    fn to_python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>>;
+}
+
+macro_rules! plain_fields {
+    ($($type:ty),*) => {$(impl Field for $type {
+        fn to_python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> { self.into_bound_py_any(py) }
+    })*};
+}
+plain_fields!(u32, u64, i64, f64);
+
+impl<const N: usize> Field for [f64; N] {
+    fn to_python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        Ok(array1(py, self))
+    }
+}
+impl<const R: usize, const C: usize> Field for [[f64; C]; R] {
+    /// A covariance that nobody knows is NaN.
+    fn to_python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        if self.as_flattened().iter().all(|x| x.is_nan()) { Ok(py.None().into_bound(py)) } else { array2(py, self) }
+    }
+}
+impl<const N: usize> Field for heapless::Vec<[f64; 3], N> {
+    fn to_python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        array2(py, self)
+    }
+}
+impl<const N: usize> Field for heapless::String<N> {
+    fn to_python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.as_str().into_bound_py_any(py)
+    }
+}
+impl<T: Field> Field for Option<T> {
+    fn to_python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.as_ref().map_or_else(|| Ok(py.None().into_bound(py)), |value| value.to_python(py))
+    }
+}
+
+/// Reasons are words, the same as in JSON.
+macro_rules! words {
+    ($($type:ty),*) => {$(impl Field for $type {
+        fn to_python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> { plain(py, self) }
+    })*};
+}
+words!(event::TrackReason, event::GapReason, event::EndReason);
+
+/// `value` as dicts, lists, numbers and strings, exactly what its JSON says.
+fn plain<'py>(py: Python<'py>, value: &impl Serialize) -> PyResult<Bound<'py, PyAny>> {
+    fn convert<'py>(py: Python<'py>, value: &serde_json::Value) -> PyResult<Bound<'py, PyAny>> {
+        use serde_json::Value;
+        match value {
+            Value::Null => Ok(py.None().into_bound(py)),
+            Value::Bool(flag) => flag.into_bound_py_any(py),
+            Value::Number(number) => match number.as_i64() {
+                Some(integer) => integer.into_bound_py_any(py),
+                None => number.as_f64().into_bound_py_any(py),
+            },
+            Value::String(text) => text.into_bound_py_any(py),
+            Value::Array(items) => {
+                let items = items.iter().map(|item| convert(py, item)).collect::<PyResult<Vec<_>>>()?;
+                Ok(PyList::new(py, items)?.into_any())
+            }
+            Value::Object(fields) => {
+                let dict = PyDict::new(py);
+                for (name, field) in fields {
+                    dict.set_item(name, convert(py, field)?)?;
+                }
+                Ok(dict.into_any())
+            }
+        }
+    }
+    convert(py, &tree(value)?)
+}
+
+/// The JSON of `value`; a matrix of which nothing is known is one `null`.
+fn tree(value: &impl Serialize) -> PyResult<serde_json::Value> {
+    let mut tree = serde_json::to_value(value).map_err(mistake)?;
+    if let Some(fields) = tree.as_object_mut() {
+        for field in fields.values_mut() {
+            let rows = field.as_array().filter(|rows| !rows.is_empty());
+            if rows.is_some_and(|rows| rows.iter().all(|row| row.as_array().is_some_and(|row| row.iter().all(serde_json::Value::is_null))))
+            {
+                *field = serde_json::Value::Null;
+            }
+        }
+    }
+    Ok(tree)
+}
+
+#[allow(clippy::needless_pass_by_value)] // As `map_err` gives it.
+fn mistake(error: impl ToString) -> PyErr {
+    PhysincError::new_err(error.to_string())
+}
+
+fn repr(name: &str, fields: &Bound<'_, PyAny>) -> PyResult<String> {
+    let fields = fields.cast::<PyDict>()?.iter().filter(|(key, _)| !key.eq("event").unwrap_or(false));
+    let fields = fields.map(|(key, value)| Ok(format!("{key}={}", value.repr()?))).collect::<PyResult<Vec<_>>>()?;
+    Ok(format!("{name}({})", fields.join(", ")))
+}
+
+/// Declares classes that are part of events.
+macro_rules! part_classes {
+    ($($name:ident { $($field:ident),* })*) => {$(
+        #[pyclass(frozen, eq, module = "physinc")]
+        #[derive(PartialEq)]
+        pub struct $name(pub event::$name);
+
+        #[pymethods]
+        impl $name {
+            $(#[getter]
+            fn $field<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> { self.0.$field.to_python(py) })*
+
+            /// As plain Python values.
+            fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> { plain(py, &self.0) }
+
+            fn __repr__(&self, py: Python<'_>) -> PyResult<String> { repr(stringify!($name), &self.to_dict(py)?) }
+        }
+
+        impl Field for event::$name {
+            fn to_python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> { Ok(Bound::new(py, $name(self.clone()))?.into_any()) }
+        }
+    )*};
+}
+part_classes! {
+    CameraModel { width, height, fx, fy, cx, cy }
+    Above { surface, height, sd }
+    Counters { frames, frames_dropped, frames_incomplete, packets, packets_lost, packets_invalid, events, events_dropped }
+}
+
+/// Declares the event classes, each with what all events have and its own fields; and the way from `Event` to them.
+macro_rules! event_classes {
+    ($($name:ident { $($field:ident),* } $({ $($extra:tt)* })?)*) => {
+        $(
+        #[pyclass(frozen, module = "physinc")]
+        pub struct $name {
+            timestamp_ns: i64,
+            track: Option<u32>,
+            is_final: bool,
+            pub fields: event::$name,
+        }
+
+        impl $name {
+            fn whole(&self) -> Event {
+                Event { timestamp_ns: self.timestamp_ns, track: self.track, is_final: self.is_final, kind: self.fields.clone().into() }
+            }
+        }
+
+        #[pymethods]
+        impl $name {
+            #[classattr]
+            fn __match_args__(py: Python<'_>) -> PyResult<Py<PyTuple>> {
+                Ok(PyTuple::new(py, [$(stringify!($field)),*])?.unbind())
+            }
+            #[getter]
+            fn event<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> { self.to_dict(py)?.get_item("event") }
+            #[getter]
+            pub fn timestamp_ns(&self) -> i64 { self.timestamp_ns }
+            #[getter]
+            pub fn track(&self) -> Option<u32> { self.track }
+            #[getter]
+            fn r#final(&self) -> bool { self.is_final }
+            $(#[getter]
+            fn $field<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> { self.fields.$field.to_python(py) })*
+
+            /// As plain Python values, the same as in JSON.
+            fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> { plain(py, &self.whole()) }
+
+            /// As one line of JSON.
+            fn to_json(&self) -> PyResult<String> { Ok(tree(&self.whole())?.to_string()) }
+
+            fn __repr__(&self, py: Python<'_>) -> PyResult<String> { repr(stringify!($name), &self.to_dict(py)?) }
+
+            fn __eq__(&self, other: &Self) -> PyResult<bool> { Ok(tree(&self.whole())? == tree(&other.whole())?) }
+
+            fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String,))> {
+                // TOML, because it has NaN and writes floats exactly.
+                let text = toml::to_string(&self.whole()).map_err(mistake)?;
+                Ok((py.import("physinc._physinc")?.getattr("event_from_toml")?, (text,)))
+            }
+            $($($extra)*)?
+        }
+        )*
+
+        /// The Python object of an event.
+        pub fn to_python(py: Python<'_>, event: Event) -> PyResult<Py<PyAny>> {
+            let Event { timestamp_ns, track, is_final, kind } = event;
+            match kind {
+                $(Kind::$name(fields) => Py::new(py, $name { timestamp_ns, track, is_final, fields })?.into_py_any(py),)*
+            }
+        }
+    };
+}
+event_classes! {
+    StreamStarted { source, camera, world_from_camera }
+    Position { frame, center, center_in_camera, covariance, points, residual_rms } {
+        /// Where an object was, world frame, m and m²: input for a stream. A center with NaN says that it wasn't seen at that instant.
+        #[new]
+        #[pyo3(signature = (timestamp_ns, center, covariance=None, track=None))]
+        fn new(timestamp_ns: i64, center: &Bound<'_, PyAny>, covariance: Option<&Bound<'_, PyAny>>, track: Option<u32>) -> PyResult<Self> {
+            let center = vector(center, "center")?;
+            let covariance = covariance.map(|covariance| matrix(covariance, "covariance")).transpose()?;
+            if !center.iter().any(|x| x.is_nan()) {
+                crate::source::measurement(timestamp_ns, center, covariance, track, f64::NAN).map_err(PyValueError::new_err)?;
+            }
+            let covariance = covariance.map_or([[f64::NAN; 3]; 3], |covariance| rows(&covariance));
+            let fields =
+                event::Position { frame: 0, center: center.into(), center_in_camera: None, covariance, points: None, residual_rms: None };
+            Ok(Self { timestamp_ns, track, is_final: true, fields })
+        }
+    }
+    TrackStarted { reason }
+    TrackEnded { reason }
+    Inconsistency { predicted, measured, distance, threshold, p_value }
+    Contact {
+        id, time_ns, time_sd, center, point, covariance, normal, direction, velocity_before, velocity_after, restitution, surface
+    }
+    Surface { id, name, normal, offset, covariance, tilt, tilt_sd, contacts, outline, above, merged_into }
+    CameraOrientation { id, gravity_in_camera, roll, pitch, covariance, flights }
+    Gap { start_ns, end_ns, reason, frames, packets, samples }
+    StreamEnded { reason, counters }
+}
+
+/// The event that pickling wrote.
+#[pyfunction]
+pub fn event_from_toml(py: Python<'_>, text: &str) -> PyResult<Py<PyAny>> {
+    to_python(py, toml::from_str(text).map_err(mistake)?)
+}

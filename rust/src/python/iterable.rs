@@ -1,0 +1,136 @@
+//! A Python iterable of frames or positions as a source. It is pulled on the caller's thread, and what it raises reaches the caller.
+
+use super::error::{RecordingError, in_config};
+use super::event::Position;
+use crate::config::{CameraConfig, Config};
+use crate::event::EndReason;
+use crate::geometry::camera::{Camera, DepthCode};
+use crate::math::Mat3;
+use crate::run::{Options, Run, Step};
+use crate::seeing::Image;
+use crate::source::{Input, measurement};
+use crate::track::Measurement;
+use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::{PyIterator, PyList, PyTuple};
+use std::borrow::Cow;
+use std::format;
+use std::string::ToString;
+use std::vec::Vec;
+
+const EXPECTED: &str =
+    "an iterable of (timestamp_ns, depth [H, W] uint16 mm or float32 m), of Position, or of lists of Position is expected";
+
+/// The iterable and what it goes through.
+pub struct Iterable {
+    items: Py<PyIterator>,
+    config: Config,
+    options: Options,
+    run: Option<Run>,
+}
+
+impl Iterable {
+    pub fn new(items: &Bound<'_, PyAny>, config: Config, options: Options) -> PyResult<Self> {
+        let items = items.try_iter().map_err(|_| PyTypeError::new_err(format!("{} is no source: {EXPECTED}", items.get_type())))?;
+        Ok(Self { items: items.unbind(), config, options, run: None })
+    }
+
+    /// Pulls one item; `None` after the last.
+    pub fn step(&mut self, py: Python<'_>, interrupted: bool) -> PyResult<Option<Step>> {
+        if self.run.as_ref().is_some_and(Run::is_over) || (interrupted && self.run.is_none()) {
+            return Ok(None);
+        }
+        let item = if interrupted { None } else { self.items.bind(py).clone().next().transpose()? };
+        let Some(item) = item else {
+            let reason = if interrupted { EndReason::Interrupted } else { EndReason::EndOfSource };
+            let Some(run) = &mut self.run else { return Err(RecordingError::new_err(format!("the iterable is empty: {EXPECTED}"))) };
+            return Ok(Some(Step::of(run, |run, sink| run.end(reason, sink))));
+        };
+        if let Ok(position) = item.cast::<Position>() {
+            return self.positions(std::slice::from_ref(position)).map(Some);
+        }
+        if let Ok(list) = item.cast::<PyList>() {
+            let positions = list.iter().map(|item| item.cast_into().map_err(|_| unexpected(list))).collect::<PyResult<Vec<_>>>()?;
+            return self.positions(&positions).map(Some);
+        }
+        match item.cast::<PyTuple>().map(|pair| pair.extract()) {
+            Ok(Ok((timestamp_ns, depth))) => self.frame(timestamp_ns, &depth).map(Some),
+            _ => Err(unexpected(&item)),
+        }
+    }
+
+    fn positions(&mut self, positions: &[Bound<'_, Position>]) -> PyResult<Step> {
+        let Some(first) = positions.first() else {
+            return Err(PyValueError::new_err(
+                "an empty list has no time: for an instant at which nothing was seen, give a Position with NaN",
+            ));
+        };
+        let timestamp_ns = first.get().timestamp_ns();
+        if positions.iter().any(|position| position.get().timestamp_ns() != timestamp_ns) {
+            return Err(PyValueError::new_err("the positions of one list must have the same timestamp_ns"));
+        }
+        let radius = self.config.object.radius.as_slice().first().copied().unwrap_or(f64::NAN);
+        let seen = positions.iter().map(Bound::get).filter(|position| !position.fields.center.iter().any(|x| x.is_nan()));
+        let measurements: Vec<Measurement> = seen
+            .map(|position| {
+                let covariance = Some(Mat3::from_fn(|i, j| position.fields.covariance[i][j])).filter(|c| !c[(0, 0)].is_nan());
+                measurement(timestamp_ns, position.fields.center.into(), covariance, position.track(), radius)
+                    .map_err(PyValueError::new_err)
+            })
+            .collect::<PyResult<_>>()?;
+        self.push(None, Input::Positions { timestamp_ns, positions: &measurements })
+    }
+
+    fn frame(&mut self, timestamp_ns: i64, depth: &Bound<'_, PyAny>) -> PyResult<Step> {
+        if let Ok(depth) = depth.extract::<PyReadonlyArray2<'_, u16>>() {
+            return self.push(Some(depth.shape()), Input::Frame { timestamp_ns, image: Image::U16(&contiguous(&depth)) });
+        }
+        if let Ok(depth) = depth.extract::<PyReadonlyArray2<'_, f32>>() {
+            return self.push(Some(depth.shape()), Input::Frame { timestamp_ns, image: Image::F32(&contiguous(&depth)) });
+        }
+        let got = match (depth.getattr("dtype"), depth.getattr("shape")) {
+            (Ok(dtype), Ok(shape)) => format!("{dtype} {shape}"),
+            _ => depth.get_type().to_string(),
+        };
+        Err(PyTypeError::new_err(format!("depth must be an array [H, W] of uint16 (mm) or float32 (m), got {got}")))
+    }
+
+    fn push(&mut self, shape: Option<&[usize]>, input: Input<'_>) -> PyResult<Step> {
+        if self.run.is_none() {
+            let camera = shape.map(|shape| self.camera(shape)).transpose()?;
+            self.run = Some(Run::new("iterable", &self.config, camera, self.options)?);
+        }
+        let Some(run) = &mut self.run else { return Err(PyValueError::new_err(EXPECTED)) };
+        let expected = run.camera().map(|camera| [camera.height as usize, camera.width as usize]);
+        if shape != expected.as_ref().map(<[usize; 2]>::as_slice) {
+            return Err(PyValueError::new_err(match (shape, expected) {
+                (Some(shape), Some(expected)) => format!("depth is {shape:?}, the camera is {expected:?} (rows, columns)"),
+                _ => format!("frames and positions can't be mixed: {EXPECTED}"),
+            }));
+        }
+        let mut outcome = Ok(());
+        let step = Step::of(run, |run, sink| outcome = run.push(input, sink));
+        outcome.map(|()| step).map_err(|error| PyValueError::new_err(error.to_string()))
+    }
+
+    /// The camera in force, of the first frame's size where nothing else is said.
+    fn camera(&self, shape: &[usize]) -> PyResult<Camera> {
+        let keys = &self.config.camera;
+        let size = CameraConfig { height: Some(shape[0] as u32), width: Some(shape[1] as u32), ..CameraConfig::default() };
+        let keys = keys.or(&size);
+        let like_a_kinect = (keys.width, keys.height) == (Some(640), Some(480));
+        if !like_a_kinect && [keys.fx, keys.fy, keys.cx, keys.cy].contains(&None) {
+            return Err(in_config(format!("depth is {shape:?}, not a Kinect's [480, 640]: tell fx, fy, cx and cy by camera=")));
+        }
+        Ok(Camera::from_config(&keys, DepthCode::Depth { units_per_metre: 1000.0 })?)
+    }
+}
+
+fn contiguous<'a, T: numpy::Element + Copy>(array: &'a PyReadonlyArray2<'_, T>) -> Cow<'a, [T]> {
+    array.as_slice().map_or_else(|_| Cow::Owned(array.as_array().iter().copied().collect()), Cow::Borrowed)
+}
+
+fn unexpected(item: &Bound<'_, PyAny>) -> PyErr {
+    PyTypeError::new_err(format!("can't use {}: {EXPECTED}", item.get_type()))
+}

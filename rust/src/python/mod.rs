@@ -1,0 +1,32 @@
+//! The Python module `physinc._physinc`: a thin layer that converts, waits with the interpreter released, and raises.
+
+mod array;
+mod config;
+mod error;
+mod event;
+mod iterable;
+mod simulation;
+mod stream;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+mod _physinc {
+    #[pymodule_export]
+    use super::config::dump_config;
+    #[pymodule_export]
+    use super::event::{
+        Above, CameraModel, CameraOrientation, Contact, Counters, Gap, Inconsistency, Position, StreamEnded, StreamStarted, Surface,
+        TrackEnded, TrackStarted, event_from_toml,
+    };
+    #[pymodule_export]
+    use super::simulation::{scenes, simulate};
+    #[pymodule_export]
+    use super::stream::{Stream, Track, open, open_iterable};
+    use pyo3::prelude::*;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", env!("CARGO_PKG_VERSION"))
+    }
+}

@@ -1,0 +1,32 @@
+//! Simulated recordings.
+
+use crate::sim::{self, SimError};
+use pyo3::exceptions::PyOSError;
+use pyo3::prelude::*;
+use std::path::PathBuf;
+use std::string::{String, ToString};
+use std::vec::Vec;
+
+/// Simulates `scene` (`NAME?key=value&…`) into `out` (`OUT.npz`), with camera and truth beside it: frames, throws, true contacts.
+#[pyfunction]
+#[allow(clippy::needless_pass_by_value)] // As Python gives it.
+pub fn simulate(py: Python<'_>, scene: &str, out: PathBuf) -> PyResult<(usize, usize, usize)> {
+    let summary = py.detach(|| sim::simulate(scene, &out))?;
+    Ok((summary.frames, summary.balls, summary.contacts))
+}
+
+/// The names of the scenes there are.
+#[pyfunction]
+pub fn scenes() -> Vec<String> {
+    sim::SCENES.iter().map(|(name, _)| name.to_string()).collect()
+}
+
+impl From<SimError> for PyErr {
+    fn from(error: SimError) -> Self {
+        let message = error.to_string();
+        match error {
+            SimError::Write { .. } => PyOSError::new_err(message),
+            _ => super::error::ConfigError::new_err(message),
+        }
+    }
+}

@@ -1,0 +1,243 @@
+//! `physinc.stream` from below: an iterator of events over a source on its own thread, or over a Python iterable.
+
+use super::array::{array1, array2};
+use super::config::{self, CameraSource};
+use super::error::StreamTimeoutError;
+use super::event::{self, Counters};
+use super::iterable::Iterable;
+use crate::event::Event;
+use crate::math::rows;
+use crate::reasoning::Predictor;
+use crate::run::{Next, Options, Reader, Run, Step};
+use crate::time;
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use std::collections::{BTreeMap, VecDeque};
+use std::format;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+use std::vec::Vec;
+
+/// Between two looks at the interpreter's signals.
+const SLICE: Duration = Duration::from_millis(50);
+
+/// An iterator of events, and a context manager.
+#[pyclass(frozen, module = "physinc")]
+pub struct Stream {
+    feed: Feed,
+    timeout: Option<Duration>,
+    closed: AtomicBool,
+    interrupted: AtomicBool,
+    now: Mutex<Now>,
+}
+
+#[allow(clippy::large_enum_variant)] // There are few streams.
+enum Feed {
+    Reader(Reader),
+    Iterable(Mutex<Iterable>),
+}
+
+/// After the last step that was handed out.
+#[derive(Default)]
+struct Now {
+    events: VecDeque<Event>,
+    predictors: Vec<Predictor>,
+    counters: crate::event::Counters,
+    busy: Duration,
+}
+
+#[pymethods]
+impl Stream {
+    fn __iter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    fn __next__(&self, py: Python<'_>) -> PyResult<Option<Py<PyAny>>> {
+        while !self.closed.load(Ordering::Relaxed) {
+            if let Some(event) = self.now().events.pop_front() {
+                return event::to_python(py, event).map(Some);
+            }
+            match self.step(py) {
+                Ok(Some(Step { events, predictors, counters, busy })) => {
+                    *self.now() = Now { events: events.into(), predictors, counters, busy };
+                }
+                Ok(None) => self.close(),
+                Err(error) => {
+                    // Silence and Ctrl-C leave the stream as it is, what else went wrong ends it.
+                    if !error.is_instance_of::<StreamTimeoutError>(py) && !error.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py)
+                    {
+                        self.close();
+                    }
+                    return Err(error);
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    fn __enter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    #[pyo3(signature = (*_exception))]
+    fn __exit__(&self, _exception: &Bound<'_, pyo3::types::PyTuple>) {
+        self.close();
+    }
+
+    /// Stops reading; no more events.
+    fn close(&self) {
+        self.closed.store(true, Ordering::Relaxed);
+        self.interrupt();
+    }
+
+    /// Ends the stream as Ctrl-C does: what is known becomes final, and `stream_ended` is the last event.
+    fn interrupt(&self) {
+        self.interrupted.store(true, Ordering::Relaxed);
+        if let Feed::Reader(reader) = &self.feed {
+            reader.interrupt();
+        }
+    }
+
+    /// What went through up to the last event.
+    #[getter]
+    fn stats(&self) -> Counters {
+        Counters(self.now().counters)
+    }
+
+    /// How long the engine worked up to the last event, s.
+    #[getter]
+    fn busy(&self) -> f64 {
+        self.now().busy.as_secs_f64()
+    }
+
+    /// The live tracks by number, as of the last event.
+    #[getter]
+    fn tracks(&self) -> BTreeMap<u32, Track> {
+        self.now().predictors.iter().map(|predictor| (predictor.track(), Track { predictor: predictor.clone() })).collect()
+    }
+}
+
+impl Stream {
+    fn new(feed: Feed, timeout: Option<f64>) -> PyResult<Self> {
+        let timeout = match timeout {
+            None => None,
+            Some(seconds) if seconds > 0.0 => Duration::try_from_secs_f64(seconds).ok(),
+            Some(seconds) => return Err(PyValueError::new_err(format!("timeout = {seconds}: expected seconds above 0, or None"))),
+        };
+        Ok(Self { feed, timeout, closed: AtomicBool::new(false), interrupted: AtomicBool::new(false), now: Mutex::default() })
+    }
+
+    fn now(&self) -> MutexGuard<'_, Now> {
+        self.now.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn step(&self, py: Python<'_>) -> PyResult<Option<Step>> {
+        match &self.feed {
+            Feed::Reader(reader) => self.wait(py, reader),
+            Feed::Iterable(iterable) => match iterable.try_lock() {
+                Ok(mut iterable) => iterable.step(py, self.interrupted.load(Ordering::Relaxed)),
+                Err(_) => Err(PyValueError::new_err("the stream is already being iterated")),
+            },
+        }
+    }
+
+    fn wait(&self, py: Python<'_>, reader: &Reader) -> PyResult<Option<Step>> {
+        let start = Instant::now();
+        loop {
+            match py.detach(|| reader.next(SLICE)) {
+                Next::Step(step) => return Ok(Some(step)),
+                Next::Over(outcome) => return outcome.map(|()| None).map_err(PyErr::from),
+                Next::Silence => {}
+            }
+            py.check_signals()?;
+            if self.timeout.is_some_and(|timeout| start.elapsed() >= timeout) {
+                let seconds = start.elapsed().as_secs_f64();
+                return Err(StreamTimeoutError::new_err(format!(
+                    "no input for {seconds:.1} s; timeout=... waits longer, timeout=None as long as it takes"
+                )));
+            }
+        }
+    }
+}
+
+/// A live track.
+#[pyclass(frozen, module = "physinc")]
+pub struct Track {
+    predictor: Predictor,
+}
+
+#[pymethods]
+impl Track {
+    /// Its number in the stream.
+    #[getter]
+    fn track(&self) -> u32 {
+        self.predictor.track()
+    }
+
+    /// Where it will be by the laws of physics: center [3] (m, world) and covariance [3, 3] (m²).
+    #[pyo3(signature = (t=None, *, timestamp_ns=None))]
+    fn predict<'py>(&self, py: Python<'py>, t: Option<f64>, timestamp_ns: Option<i64>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+        let timestamp_ns = match (t, timestamp_ns) {
+            (Some(t), None) if t.is_finite() => time::after(0, t),
+            (None, Some(timestamp_ns)) => timestamp_ns,
+            _ => return Err(PyTypeError::new_err("predict takes t (s on the stream's clock, finite) or timestamp_ns")),
+        };
+        let (center, covariance) = self.predictor.predict(timestamp_ns);
+        Ok((array1(py, center.as_slice()), array2(py, &rows(&covariance))?))
+    }
+
+    fn __repr__(&self) -> std::string::String {
+        format!("Track({})", self.predictor.track())
+    }
+}
+
+/// Opens a source by name. `name` is what the stream calls it.
+#[pyfunction]
+#[pyo3(signature = (source, *, name, config, camera, positions, provisional, frames, duration, timeout))]
+#[allow(clippy::too_many_arguments)] // They are Python's.
+pub fn open(
+    source: &str,
+    name: Option<&str>,
+    config: Option<&Bound<'_, PyAny>>,
+    camera: Option<&Bound<'_, PyAny>>,
+    positions: bool,
+    provisional: bool,
+    frames: Option<u64>,
+    duration: Option<f64>,
+    timeout: Option<f64>,
+) -> PyResult<Stream> {
+    let mut config = config::config(config)?;
+    let source = match config::camera(camera)? {
+        CameraSource::File(file) => crate::source::open(source, &config, Some(&file))?,
+        CameraSource::Keys(keys) => {
+            config.camera = keys.or(&config.camera);
+            crate::source::open(source, &config, None)?
+        }
+        CameraSource::Nowhere => crate::source::open(source, &config, None)?,
+    };
+    let options = Options { positions, provisional, frames, duration };
+    let run = Run::new(name.unwrap_or(source.name()), &config, source.camera(), options)?;
+    Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout)
+}
+
+/// Takes frames or positions from a Python iterable.
+#[pyfunction]
+#[pyo3(signature = (items, *, config, camera, positions, provisional))]
+pub fn open_iterable(
+    items: &Bound<'_, PyAny>,
+    config: Option<&Bound<'_, PyAny>>,
+    camera: Option<&Bound<'_, PyAny>>,
+    positions: bool,
+    provisional: bool,
+) -> PyResult<Stream> {
+    let mut config = config::config(config)?;
+    config.camera = match config::camera(camera)? {
+        CameraSource::File(file) => config.camera.or(&crate::config_file::read_camera(&file)?),
+        CameraSource::Keys(keys) => keys.or(&config.camera),
+        CameraSource::Nowhere => config.camera,
+    };
+    config.validate()?;
+    let options = Options { positions, provisional, ..Options::default() };
+    Stream::new(Feed::Iterable(Mutex::new(Iterable::new(items, config, options)?)), None)
+}

@@ -1,0 +1,209 @@
+//! One stream from its first input to its last event: the engine, what the user wants to hear of it, and where it stops.
+
+mod reader;
+
+pub use reader::{Next, Reader, Step};
+
+use crate::config::Config;
+use crate::engine::Engine;
+use crate::error::ConfigError;
+use crate::event::{CameraModel, Counters, EndReason, Event, Kind, StreamEnded, StreamStarted};
+use crate::geometry::camera::Camera;
+use crate::reasoning::Predictor;
+use crate::seeing::SeeError;
+use crate::source::Input;
+use crate::time::seconds_between;
+use std::time::{Duration, Instant};
+
+/// What is told, and how much is read.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Options {
+    /// Tell every position.
+    pub positions: bool,
+    /// Tell events that a later one will replace.
+    pub provisional: bool,
+    /// Stop after so many frames, or instants of positions.
+    pub frames: Option<u64>,
+    /// Stop before the first input that is later than this after the first, s.
+    pub duration: Option<f64>,
+}
+
+/// The engine between `stream_started` and `stream_ended`.
+pub struct Run {
+    engine: Engine<'static>,
+    options: Options,
+    source: heapless::String<512>,
+    camera: Option<CameraModel>,
+    span_ns: Option<(i64, i64)>,
+    told: u64,
+    busy: Duration,
+    over: bool,
+}
+
+impl Run {
+    /// A stream that calls itself `source` (cut after 512 bytes).
+    ///
+    /// # Errors
+    /// The first key of the configuration whose value can't be.
+    pub fn new(source: &str, config: &Config, camera: Option<Camera>, options: Options) -> Result<Self, ConfigError> {
+        let mut name = heapless::String::new();
+        // What doesn't fit is cut: a name is there to be recognised.
+        let _ = source.chars().try_for_each(|c| name.push(c));
+        Ok(Self {
+            engine: Engine::new(config, camera.as_ref())?,
+            options,
+            source: name,
+            camera: camera.as_ref().map(CameraModel::from),
+            span_ns: None,
+            told: 0,
+            busy: Duration::ZERO,
+            over: false,
+        })
+    }
+
+    /// One input through the engine; its events go to `sink`. After the end nothing happens.
+    ///
+    /// # Errors
+    /// The image is not the camera's.
+    pub fn push(&mut self, input: Input<'_>, sink: &mut dyn FnMut(Event)) -> Result<(), SeeError> {
+        if self.over {
+            return Ok(());
+        }
+        let timestamp_ns = input.timestamp_ns();
+        let (first_ns, newest_ns) = match self.span_ns {
+            Some((first, newest)) => (first, newest.max(timestamp_ns)),
+            None => (timestamp_ns, timestamp_ns),
+        };
+        if self.options.duration.is_some_and(|duration| seconds_between(first_ns, timestamp_ns) > duration) {
+            self.end(EndReason::Limit, sink);
+            return Ok(());
+        }
+        if self.span_ns.replace((first_ns, newest_ns)).is_none() {
+            self.start(timestamp_ns, sink);
+        }
+        let Self { engine, options, told, .. } = self;
+        let mut tell = |event: Event| tell(event, options, told, sink);
+        let start = Instant::now();
+        match input {
+            Input::Frame { timestamp_ns, image } => engine.frame(timestamp_ns, image, &mut tell)?,
+            Input::Positions { timestamp_ns, positions } => engine.positions(timestamp_ns, positions, &mut tell),
+        }
+        self.busy += start.elapsed();
+        if self.options.frames.is_some_and(|frames| self.engine.counters().frames >= frames) {
+            self.end(EndReason::Limit, sink);
+        }
+        Ok(())
+    }
+
+    fn start(&mut self, timestamp_ns: i64, sink: &mut dyn FnMut(Event)) {
+        let world_from_camera = self.engine.world_from_camera().to_rows();
+        let kind = StreamStarted { source: self.source.clone(), camera: self.camera, world_from_camera }.into();
+        tell(Event { timestamp_ns, track: None, is_final: true, kind }, &self.options, &mut self.told, sink);
+    }
+
+    /// Makes everything final and tells that the stream is over, once. A stream that never began tells nothing.
+    pub fn end(&mut self, reason: EndReason, sink: &mut dyn FnMut(Event)) {
+        if core::mem::replace(&mut self.over, true) {
+            return;
+        }
+        let Some((_, timestamp_ns)) = self.span_ns else { return };
+        let Self { engine, options, told, .. } = self;
+        engine.finish(&mut |event| tell(event, options, told, sink));
+        let counters = Counters { events: self.told + 1, ..self.engine.counters() };
+        let kind = StreamEnded { reason, counters }.into();
+        tell(Event { timestamp_ns, track: None, is_final: true, kind }, &self.options, &mut self.told, sink);
+    }
+
+    /// The camera of its frames; `None` for positions.
+    pub fn camera(&self) -> Option<CameraModel> {
+        self.camera
+    }
+
+    /// Some input came.
+    pub fn has_begun(&self) -> bool {
+        self.span_ns.is_some()
+    }
+
+    /// Nothing more will be told.
+    pub fn is_over(&self) -> bool {
+        self.over
+    }
+
+    /// What went through so far.
+    pub fn counters(&self) -> Counters {
+        Counters { events: self.told, ..self.engine.counters() }
+    }
+
+    /// How long the engine worked. No event says it: they are the same on every machine.
+    pub fn busy(&self) -> Duration {
+        self.busy
+    }
+
+    /// Where each live track will be.
+    pub fn predictors(&self) -> impl Iterator<Item = Predictor> {
+        self.engine.predictors()
+    }
+}
+
+fn tell(event: Event, options: &Options, told: &mut u64, sink: &mut dyn FnMut(Event)) {
+    let wanted = match event.kind {
+        Kind::Position(_) => options.positions,
+        _ => event.is_final || options.provisional,
+    };
+    if wanted {
+        *told += 1;
+        sink(event);
+    }
+}
+
+impl From<&Camera> for CameraModel {
+    fn from(camera: &Camera) -> Self {
+        let &Camera { width, height, fx, fy, cx, cy, .. } = camera;
+        Self { width: width as u32, height: height as u32, fx, fy, cx, cy }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    fn names(options: Options, stamps: &[i64]) -> Vec<(Kind, i64)> {
+        let mut run = Run::new("test", &Config::default(), None, options).unwrap();
+        let mut events = Vec::new();
+        for &timestamp_ns in stamps {
+            run.push(Input::Positions { timestamp_ns, positions: &[] }, &mut |e| events.push((e.kind, e.timestamp_ns))).unwrap();
+        }
+        run.end(EndReason::EndOfSource, &mut |e| events.push((e.kind, e.timestamp_ns)));
+        run.end(EndReason::Interrupted, &mut |_| panic!("a stream ends once"));
+        events
+    }
+
+    fn ended(options: Options, stamps: &[i64]) -> (EndReason, u64, i64) {
+        match names(options, stamps).pop() {
+            Some((Kind::StreamEnded(end), timestamp_ns)) => (end.reason, end.counters.frames, timestamp_ns),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn begins_and_ends_once_and_counts_what_it_told() {
+        let events = names(Options::default(), &[5, 7]);
+        assert!(matches!(&events[0], (Kind::StreamStarted(e), 5) if e.source == "test" && e.camera.is_none()));
+        let (Kind::StreamEnded(end), 7) = events.last().unwrap() else { panic!() };
+        assert_eq!((end.reason, end.counters.events), (EndReason::EndOfSource, events.len() as u64));
+    }
+
+    #[test]
+    fn stops_at_its_limits() {
+        let frames = Options { frames: Some(2), ..Options::default() };
+        assert_eq!(ended(frames, &[0, 1, 2, 3]), (EndReason::Limit, 2, 1));
+        let duration = Options { duration: Some(0.5), ..Options::default() };
+        assert_eq!(ended(duration, &[0, 500_000_000, 500_000_001]), (EndReason::Limit, 2, 500_000_000));
+    }
+
+    #[test]
+    fn a_stream_without_input_tells_nothing() {
+        assert!(names(Options::default(), &[]).is_empty());
+    }
+}

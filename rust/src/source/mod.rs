@@ -1,0 +1,153 @@
+//! Where frames and positions come from.
+//!
+//! A source knows its name and, if it has one, its camera, and hands out its inputs one by one, each with the stamp of the source's own clock.
+//! It opens, reads and waits; it does not judge stamps, and knows nothing of physics.
+
+mod csv;
+mod decimal;
+mod error;
+mod npz;
+mod sidecar;
+#[cfg(feature = "sim")]
+mod simulated;
+
+pub use self::csv::Csv;
+pub use error::SourceError;
+pub use npz::Npz;
+#[cfg(feature = "sim")]
+pub use simulated::Simulated;
+
+use crate::config::Config;
+use crate::config_file::ConfigFileError;
+use crate::geometry::camera::Camera;
+use crate::math::{Mat3, Vec3};
+use crate::seeing::Image;
+use crate::track::Measurement;
+use std::boxed::Box;
+use std::path::Path;
+
+/// One input.
+#[derive(Clone, Copy, Debug)]
+pub enum Input<'a> {
+    /// A depth image.
+    Frame {
+        /// Its stamp.
+        timestamp_ns: i64,
+        /// Its samples, as many as the source's camera has pixels.
+        image: Image<'a>,
+    },
+    /// All positions of one instant; none: nothing was seen then.
+    Positions {
+        /// Its stamp.
+        timestamp_ns: i64,
+        /// World frame.
+        positions: &'a [Measurement],
+    },
+}
+
+impl Input<'_> {
+    /// Its stamp, ns on the source's own clock.
+    pub fn timestamp_ns(&self) -> i64 {
+        match *self {
+            Self::Frame { timestamp_ns, .. } | Self::Positions { timestamp_ns, .. } => timestamp_ns,
+        }
+    }
+}
+
+/// Anything that delivers frames or positions.
+pub trait Source: Send {
+    /// How it calls itself: what the user named.
+    fn name(&self) -> &str;
+
+    /// The camera of its frames; `None` where it delivers positions.
+    fn camera(&self) -> Option<Camera>;
+
+    /// The next input, `None` at the end. May wait for it.
+    ///
+    /// # Errors
+    /// The source broke; there is no next input.
+    fn next_input(&mut self) -> Result<Option<Input<'_>>, SourceError>;
+}
+
+/// What can be opened, for messages.
+const KINDS: &str = "*.npz (depth frames), *.csv or - (positions), sim:SCENE, demo";
+
+/// Opens what the user named. `camera` is a camera file that wins over those beside a recording; `[camera]` in `config` wins over both.
+///
+/// # Errors
+/// It isn't there, isn't what it claims to be, or this version has no such source.
+pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<dyn Source>, SourceError> {
+    let radius = config.object.radius.as_slice().first().copied().unwrap_or(f64::NAN);
+    if source == "-" {
+        return Ok(Box::new(Csv::new("-", std::io::stdin(), radius)));
+    }
+    if source == "kinect" || source.starts_with("kinect:") {
+        return Err(SourceError::NoDevice { source_name: source.into() });
+    }
+    #[cfg(feature = "sim")]
+    if source.starts_with("sim:") {
+        return Ok(Box::new(Simulated::new(source)?));
+    }
+    let path = Path::new(source);
+    let unsupported = |why: &str| SourceError::Unsupported { source_name: source.into(), why: why.into() };
+    if path.is_dir() {
+        return Err(unsupported("this version can't read folders"));
+    }
+    let extension = path.extension().map(|extension| extension.to_ascii_lowercase().to_string_lossy().into_owned());
+    match extension.as_deref() {
+        Some("npz") => Ok(Box::new(Npz::open(path, &sidecar::in_force(path, config, camera)?)?)),
+        Some("csv") => {
+            let file = std::fs::File::open(path).map_err(|error| SourceError::unreadable(source, error))?;
+            Ok(Box::new(Csv::new(source, file, radius)))
+        }
+        _ => match std::fs::metadata(path) {
+            Err(error) => Err(SourceError::unreadable(source, error)),
+            Ok(_) => Err(unsupported("the name doesn't say what it is")),
+        },
+    }
+}
+
+/// The keys of `[camera]` in force for `source`: `config`'s, then those of its camera file.
+///
+/// # Errors
+/// A camera file that can't be read, or says what can't be.
+pub fn camera_in_force(
+    source: Option<&str>,
+    config: &Config,
+    camera: Option<&Path>,
+) -> Result<crate::config::CameraConfig, ConfigFileError> {
+    match (source, camera) {
+        (Some(source), _) => sidecar::in_force(Path::new(source), config, camera),
+        (None, Some(camera)) => Ok(config.camera.or(&crate::config_file::read_camera(camera)?)),
+        (None, None) => Ok(config.camera.clone()),
+    }
+}
+
+/// Positions farther out than this are taken for a mistake in units, m.
+const FARTHEST: f64 = 1e6;
+
+/// A measurement by some other tracker, checked.
+///
+/// # Errors
+/// What is expected instead.
+pub fn measurement(
+    time_ns: i64,
+    center: Vec3,
+    covariance: Option<Mat3>,
+    label: Option<u32>,
+    radius: f64,
+) -> Result<Measurement, &'static str> {
+    if !center.iter().all(|x| x.abs() <= FARTHEST) {
+        return Err("positions must be finite metres within 1e6 of the origin");
+    }
+    if let Some(covariance) = covariance {
+        let scale = covariance.abs().max();
+        if !(scale <= FARTHEST * FARTHEST && (covariance - covariance.transpose()).abs().max() <= 1e-9 * scale) {
+            return Err("a covariance must be finite and symmetric, m²");
+        }
+        if nalgebra::Cholesky::new(covariance).is_none() {
+            return Err("a covariance must be positive definite, m²");
+        }
+    }
+    Ok(Measurement { time_ns, center, covariance, center_in_camera: None, label, radius, points: None, residual_rms: None, whole: true })
+}

@@ -1,0 +1,20 @@
+//! The camera file of a recording.
+
+use crate::config::{CameraConfig, Config};
+use crate::config_file::{ConfigFileError, read_camera};
+use std::path::{Path, PathBuf};
+
+/// The keys in force for the recording at `path`: `[camera]` in `config` wins, key by key, over `camera`, which replaces the file found
+/// beside the recording.
+pub(super) fn in_force(path: &Path, config: &Config, camera: Option<&Path>) -> Result<CameraConfig, ConfigFileError> {
+    let file = camera.map(PathBuf::from).or_else(|| beside(path));
+    let keys = file.map_or_else(|| Ok(CameraConfig::default()), |file| read_camera(&file))?;
+    Ok(config.camera.or(&keys))
+}
+
+/// `NAME.camera.toml`, else `camera.toml` beside it.
+fn beside(path: &Path) -> Option<PathBuf> {
+    let of_its_own = path.with_extension("camera.toml");
+    let shared = path.with_file_name("camera.toml");
+    [of_its_own, shared].into_iter().find(|file| file.is_file())
+}

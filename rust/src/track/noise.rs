@@ -1,0 +1,88 @@
+//! How good positions are that come without a covariance: told by their own smoothness, and by how well flights explain them.
+
+use crate::math::{Vec3, sqrt};
+use crate::physics::Sample;
+use crate::physics::flight::Flight;
+use crate::physics::law::Law;
+use heapless::Vec;
+
+/// Third differences that the median is taken of.
+const MEMORY: usize = 63;
+/// Before there are this many, the estimate is the prior.
+const ENOUGH: usize = 6;
+/// What is taken for a tracker of which nothing is known yet, m.
+const PRIOR_SD: f64 = 0.003;
+/// Smoothness shows only the noise that changes from sample to sample: until flights were seen, there may be twice as much, and 1 mm
+/// that comes and goes slowly.
+const CAUTION: (f64, f64) = (2.0, 0.001);
+
+/// Standard deviation of positions, m an axis.
+#[derive(Clone, Debug)]
+pub struct Noise {
+    told: Option<f64>,
+    differences: Vec<f64, MEMORY>,
+    next: usize,
+    smoothness: f64,
+    /// Of flights: residuals squared, residuals times their neighbours, degrees of freedom.
+    squares: f64,
+    neighbours: f64,
+    dof: f64,
+}
+
+impl Noise {
+    /// `told`: what the user knows, m.
+    pub fn new(told: Option<f64>) -> Self {
+        Self { told, differences: Vec::new(), next: 0, smoothness: PRIOR_SD, squares: 0.0, neighbours: 0.0, dof: 0.0 }
+    }
+
+    /// Takes in the third difference of the last four samples: motion under any smooth force leaves none, white noise leaves √20 of its
+    /// standard deviation. Contacts leave much, and do not move the median.
+    pub fn observe(&mut self, samples: &[Sample]) {
+        let Some([a, b, c, d]) = samples.last_chunk() else { return };
+        let step = (d.t - a.t) / 3.0;
+        if [(a, b), (b, c), (c, d)].iter().any(|(p, q)| ((q.t - p.t) / step - 1.0).abs() > 0.1) {
+            return;
+        }
+        let difference = d.position - 3.0 * c.position + 3.0 * b.position - a.position;
+        for x in difference.iter() {
+            let x = x.abs() / sqrt(20.0);
+            if self.differences.push(x).is_err() {
+                self.differences[self.next] = x;
+                self.next = (self.next + 1) % MEMORY;
+            }
+        }
+        if self.differences.len() >= 3 * ENOUGH {
+            let mut sorted = self.differences.clone();
+            sorted.sort_unstable_by(f64::total_cmp);
+            self.smoothness = sorted[sorted.len() / 2] * 1.4826;
+        }
+    }
+
+    /// Takes in how well a flight explains its samples.
+    pub fn learn(&mut self, flight: &Flight, law: &dyn Law, samples: &[Sample]) {
+        let mut previous: Option<Vec3> = None;
+        let mut state = flight.state;
+        for sample in samples.iter().rev() {
+            state = state.at(sample.t, law, &flight.gravity);
+            let residual = sample.position - state.position;
+            self.squares += residual.norm_squared();
+            self.neighbours += previous.map_or(0.0, |p| p.dot(&residual));
+            previous = Some(residual);
+        }
+        self.dof += flight.dof().max(0.0);
+    }
+
+    /// Standard deviation to weigh with. Residuals that follow each other carry less information than their number says: the
+    /// variance of a mean grows by (1 + ρ) / (1 − ρ).
+    pub fn sd(&self) -> f64 {
+        if let Some(told) = self.told {
+            return told;
+        }
+        if self.dof < 12.0 {
+            return (CAUTION.0 * self.smoothness).max(CAUTION.1);
+        }
+        let correlation = (self.neighbours / self.squares.max(1e-300)).clamp(0.0, 0.9);
+        let inflation = sqrt((1.0 + correlation) / (1.0 - correlation));
+        (sqrt(self.squares / self.dof) * inflation).max(self.smoothness).max(1e-6)
+    }
+}
