@@ -6,13 +6,17 @@ extern crate std;
 
 pub mod config;
 pub mod detect;
+pub mod engine;
 pub mod error;
 pub mod event;
 pub mod geometry;
 pub mod math;
 pub mod physics;
+pub mod reasoning;
+pub mod scene;
 pub mod seeing;
 #[cfg(feature = "sim")]
 pub mod sim;
 pub mod time;
+pub mod timeline;
 pub mod track;

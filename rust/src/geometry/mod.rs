@@ -1,3 +1,4 @@
 //! Cameras, clouds and planes: what is where, without time.
 
 pub mod camera;
+pub mod environment;

@@ -1,5 +1,12 @@
 //! From positions to tracks.
 
+pub mod association;
+pub mod motion;
+pub mod noise;
+pub mod object;
+pub mod paper;
+pub mod window;
+
 use crate::math::{Mat3, Vec3};
 
 /// A ball's center at one instant, by our eyes or by someone else's.

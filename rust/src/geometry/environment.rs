@@ -1,0 +1,136 @@
+//! The known environment E: planes, boxes and spheres, and which of them a ball touches.
+
+use crate::config::{EnvironmentConfig, Name};
+use crate::math::{Mat3, Vec3, sqrt};
+use heapless::Vec;
+use nalgebra::{Quaternion, UnitQuaternion};
+
+/// What a surface is known to be.
+#[derive(Clone, Debug, PartialEq)]
+enum Shape {
+    Plane,
+    Box { center: Vec3, half: Vec3, rotation: Mat3 },
+    Sphere { center: Vec3, radius: f64 },
+}
+
+/// A known surface.
+#[derive(Clone, Debug, PartialEq)]
+pub struct KnownSurface {
+    /// As configured.
+    pub name: Name,
+    /// Unit normal: a plane's, or that at the top of a body.
+    pub normal: Vec3,
+    /// normal · p = offset there, m.
+    pub offset: f64,
+    shape: Shape,
+}
+
+/// All known surfaces; ids are their places.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Environment {
+    surfaces: Vec<KnownSurface, { Environment::CAPACITY }>,
+}
+
+/// How far a real surface may be from where it is said to be, m.
+const SURVEY_SD: f64 = 0.003;
+
+impl Environment {
+    /// Surfaces at the most.
+    pub const CAPACITY: usize = 24;
+
+    /// The environment of a valid configuration: planes, boxes, spheres, each in the file's order.
+    pub fn new(config: &EnvironmentConfig) -> Self {
+        let mut surfaces = Vec::new();
+        for plane in &config.plane {
+            let normal = Vec3::from(plane.normal);
+            let _ = surfaces.push(KnownSurface { name: plane.name.clone(), normal, offset: plane.offset, shape: Shape::Plane });
+        }
+        for known in &config.r#box {
+            let turn = known.rotation.map_or_else(
+                || UnitQuaternion::from_axis_angle(&Vec3::z_axis(), known.yaw),
+                |[w, x, y, z]| UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)),
+            );
+            let rotation = turn.to_rotation_matrix().into_inner();
+            let (center, half) = (Vec3::from(known.center), Vec3::from(known.size) * 0.5);
+            // The face that looks up most.
+            let face = (0..3).max_by(|&i, &j| rotation[(2, i)].abs().total_cmp(&rotation[(2, j)].abs())).unwrap_or(2);
+            let normal: Vec3 = rotation.column(face) * 1f64.copysign(rotation[(2, face)]);
+            let offset = normal.dot(&center) + half[face];
+            let _ = surfaces.push(KnownSurface { name: known.name.clone(), normal, offset, shape: Shape::Box { center, half, rotation } });
+        }
+        for sphere in &config.sphere {
+            let (center, radius) = (Vec3::from(sphere.center), sphere.radius);
+            let offset = center.z + radius;
+            let _ = surfaces.push(KnownSurface {
+                name: sphere.name.clone(),
+                normal: Vec3::z(),
+                offset,
+                shape: Shape::Sphere { center, radius },
+            });
+        }
+        Self { surfaces }
+    }
+
+    /// The surfaces.
+    pub fn surfaces(&self) -> &[KnownSurface] {
+        &self.surfaces
+    }
+
+    /// Id of the surface that a ball of `radius` (m) at `center` (with covariance, m²) touches, and the normal there.
+    pub fn touched(&self, center: &Vec3, covariance: &Mat3, radius: f64) -> Option<(u32, Vec3)> {
+        let nearest = self.surfaces.iter().enumerate().map(|(id, s)| {
+            let (distance, normal) = s.distance(center);
+            ((distance - radius).abs(), id as u32, normal)
+        });
+        let (miss, id, normal) = nearest.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let sd = sqrt(normal.dot(&(covariance * normal)) + SURVEY_SD * SURVEY_SD);
+        (miss < 4.0 * sd).then_some((id, normal))
+    }
+}
+
+impl KnownSurface {
+    /// Distance of `p` from the surface, negative inside, and the unit normal towards `p` there.
+    fn distance(&self, p: &Vec3) -> (f64, Vec3) {
+        match &self.shape {
+            Shape::Plane => (self.normal.dot(p) - self.offset, self.normal),
+            Shape::Sphere { center, radius } => {
+                let away = p - center;
+                (away.norm() - radius, away.try_normalize(1e-12).unwrap_or(self.normal))
+            }
+            Shape::Box { center, half, rotation } => {
+                let local = rotation.transpose() * (p - center);
+                let outside = local - local.zip_map(half, |x, h| x.clamp(-h, h));
+                if let Some(normal) = outside.try_normalize(1e-12) {
+                    return (outside.norm(), rotation * normal);
+                }
+                let depth = |i: usize| half[i] - local[i].abs();
+                let face = (0..3).min_by(|&i, &j| depth(i).total_cmp(&depth(j))).unwrap_or(2);
+                (-depth(face), rotation.column(face) * 1f64.copysign(local[face]))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{KnownBox, KnownPlane, KnownSphere};
+
+    #[test]
+    fn a_ball_touches_what_is_one_radius_away() {
+        let mut config = EnvironmentConfig::default();
+        config.plane.push(KnownPlane::default()).unwrap();
+        let known = KnownBox { center: [1.0, 2.0, 0.045], size: [0.44, 0.34, 0.09], yaw: 0.1, ..KnownBox::default() };
+        config.r#box.push(known).unwrap();
+        config.sphere.push(KnownSphere { center: [-1.0, 0.0, 0.5], radius: 0.5, ..KnownSphere::default() }).unwrap();
+        let e = Environment::new(&config);
+        let c = Mat3::from_diagonal_element(1e-6);
+        assert_eq!(e.surfaces()[1].offset, 0.09);
+        assert_eq!(e.touched(&Vec3::new(0.0, 1.0, 0.033), &c, 0.033), Some((0, Vec3::z())));
+        assert_eq!(e.touched(&Vec3::new(1.0, 2.0, 0.123), &c, 0.033).unwrap().0, 1);
+        let (id, normal) = e.touched(&Vec3::new(1.0 + 0.253, 2.0253, 0.05), &c, 0.033).unwrap();
+        assert!(id == 1 && (normal.x - libm::cos(0.1)).abs() < 1e-9);
+        assert_eq!(e.touched(&Vec3::new(-1.0, 0.0, 1.033), &c, 0.033).unwrap().0, 2);
+        assert_eq!(e.touched(&Vec3::new(0.0, 1.0, 0.5), &c, 0.033), None);
+    }
+}

@@ -1,0 +1,278 @@
+//! A plane from the contacts with it: their points carry it, their velocities help.
+//!
+//! Each contact says three things of a plane with normal n, offset d and restitution e: its center is one radius away,
+//! n·c = d + R; after + e·before lies in it, whatever friction and spin; and, without spin across the motion, the motion stays in
+//! one plane with the normal, n·(before × after) = 0.
+
+use crate::math::{Mat3, Vec3, rows, sqrt};
+use crate::physics::accumulator::{Accumulator, Solution};
+use crate::physics::contact::{Contact, RESTITUTION};
+use crate::scene::outline::tangents;
+use nalgebra::{Matrix4, Matrix4x3, SMatrix, SVector, Vector4};
+
+/// Scatter of one ball's restitution from bounce to bounce.
+const RESTITUTION_SCATTER: f64 = 0.015;
+/// Roughness of a floor, and what a ball is not round, m.
+const ROUGHNESS: f64 = 2e-4;
+/// What bends a bounce out of its plane besides spin, rad.
+const DEFLECTION: f64 = 5e-3;
+/// Most surfaces are horizontal; one that may be is taken to be, to within this, until its contacts know better, rad.
+const LEVEL_SD: f64 = 0.05;
+
+/// What a contact says of the surface it touched.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Patch {
+    /// The contact.
+    pub center: Vec3,
+    /// Velocity at first touch, m/s.
+    pub before: Vec3,
+    /// Velocity at last touch, m/s.
+    pub after: Vec3,
+    /// Of (center, before, after).
+    pub covariance: SMatrix<f64, 9, 9>,
+    /// Radius of the ball, m.
+    pub radius: f64,
+    /// Standard deviation of an unknown spin, rad/s.
+    pub spin_sd: f64,
+    /// The contact's own normal.
+    pub normal: Vec3,
+}
+
+impl Patch {
+    /// Of a contact of a ball of `radius` (m); `None` where it has no normal or no covariance.
+    pub fn new(contact: &Contact, radius: f64, spin_sd: f64) -> Option<Self> {
+        let finite = contact.covariance.iter().all(|x| x.is_finite());
+        Some(Self {
+            center: contact.center,
+            before: contact.before,
+            after: contact.after,
+            covariance: contact.covariance,
+            radius,
+            spin_sd,
+            normal: contact.normal(RESTITUTION).filter(|_| finite)?,
+        })
+    }
+
+    fn sd(&self, center: &Vec3, before: &Vec3, after: &Vec3, extra: f64) -> f64 {
+        let mut h = SVector::<f64, 9>::zeros();
+        h.fixed_rows_mut::<3>(0).copy_from(center);
+        h.fixed_rows_mut::<3>(3).copy_from(before);
+        h.fixed_rows_mut::<3>(6).copy_from(after);
+        sqrt(h.dot(&(self.covariance * h)).max(0.0) + extra * extra)
+    }
+
+    /// The three observations about the plane (`n`, its tangents `u` and `v`, restitution `e`), each as row, value and standard
+    /// deviation. Unknowns: turn of the normal along u, along v, offset, restitution.
+    fn observations(&self, n: &Vec3, u: &Vec3, v: &Vec3, e: f64) -> [(Vector4<f64>, f64, f64); 3] {
+        let zero = Vec3::zeros();
+        let within = self.after + self.before * e;
+        let bend = self.before.cross(&self.after);
+        let scatter = RESTITUTION_SCATTER * n.dot(&self.before).abs();
+        let spin = 0.355 * self.radius * self.spin_sd * (self.after - self.before).norm();
+        let deflection = DEFLECTION * self.before.norm() * self.after.norm();
+        let swerve = sqrt(spin * spin + deflection * deflection);
+        [
+            (
+                Vector4::new(u.dot(&self.center), v.dot(&self.center), -1.0, 0.0),
+                self.radius - n.dot(&self.center),
+                self.sd(n, &zero, &zero, ROUGHNESS),
+            ),
+            (
+                Vector4::new(u.dot(&within), v.dot(&within), 0.0, n.dot(&self.before)),
+                -n.dot(&self.after),
+                self.sd(&zero, &(n * e), n, scatter),
+            ),
+            (
+                Vector4::new(u.dot(&bend), v.dot(&bend), 0.0, 0.0),
+                -n.dot(&bend),
+                self.sd(&zero, &self.after.cross(n), &n.cross(&self.before), swerve),
+            ),
+        ]
+    }
+}
+
+/// A fitted plane.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plane {
+    /// Unit normal, to the contacts' side.
+    pub normal: Vec3,
+    /// normal · p = offset, m.
+    pub offset: f64,
+    /// Restitution of the ball on it.
+    pub restitution: f64,
+    /// Of (turn along the first tangent, along the second, offset, restitution).
+    parameters: Matrix4<f64>,
+    /// Weighted sum of squared residuals.
+    pub chi2: f64,
+}
+
+/// What is thought of "up": the direction, and its variance along one axis, rad².
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Up {
+    /// Unit vector against gravity.
+    pub direction: Vec3,
+    /// rad².
+    pub variance: f64,
+}
+
+impl Plane {
+    /// The plane that all `patches` lie on; `None` without patches or where they do not tell.
+    pub fn fit<'a>(patches: impl Iterator<Item = &'a Patch> + Clone, up: Option<&Up>) -> Option<Self> {
+        let first = patches.clone().next()?;
+        let free = Self::converge(patches.clone(), first.normal, 1.0)?;
+        let Some(up) = up else { return Some(free) };
+        let sd = sqrt(LEVEL_SD * LEVEL_SD + up.variance);
+        if free.turn_to(&up.direction, sd * sd) < 9.0 { Self::converge(patches, up.direction, sd).or(Some(free)) } else { Some(free) }
+    }
+
+    /// Gauss–Newton from, and with the prior of, `normal` to within `sd` (rad).
+    fn converge<'a>(patches: impl Iterator<Item = &'a Patch> + Clone, normal: Vec3, sd: f64) -> Option<Self> {
+        let prior = normal;
+        let mut plane = Self { normal, offset: 0.0, restitution: RESTITUTION.0, parameters: Matrix4::zeros(), chi2: 0.0 };
+        for _ in 0..6 {
+            let (u, v) = tangents(&plane.normal);
+            let mut fit = Accumulator::<4>::default();
+            fit.expect(0, u.dot(&prior), sd);
+            fit.expect(1, v.dot(&prior), sd);
+            fit.expect(2, 0.0, 1e3);
+            fit.expect(3, RESTITUTION.0, RESTITUTION.1);
+            for patch in patches.clone() {
+                for (row, value, sd) in patch.observations(&plane.normal, &u, &v, plane.restitution) {
+                    fit.observe(&row, value, sd);
+                }
+            }
+            let Solution { mean, covariance, chi2, .. } = fit.solve()?;
+            plane.normal = (plane.normal + u * mean[0] + v * mean[1]).try_normalize(1e-9)?;
+            (plane.offset, plane.restitution, plane.parameters, plane.chi2) = (mean[2], mean[3], covariance, chi2);
+            if mean.fixed_rows::<2>(0).norm() < 1e-9 {
+                break;
+            }
+        }
+        Some(plane)
+    }
+
+    /// χ² of the three things that `patch` says, the plane's own uncertainty included.
+    pub fn disagreement(&self, patch: &Patch) -> f64 {
+        let (u, v) = tangents(&self.normal);
+        let now = Vector4::new(0.0, 0.0, self.offset, self.restitution);
+        let square = |(row, value, sd): (Vector4<f64>, f64, f64)| {
+            let r = row.dot(&now) - value;
+            r * r / (sd * sd + row.dot(&(self.parameters * row)))
+        };
+        patch.observations(&self.normal, &u, &v, self.restitution).into_iter().map(square).sum()
+    }
+
+    /// Squared Mahalanobis distance between the normal and `direction`, which has `variance` (rad²) itself.
+    pub fn turn_to(&self, direction: &Vec3, variance: f64) -> f64 {
+        let (u, v) = tangents(&self.normal);
+        let r = nalgebra::Vector2::new(u.dot(direction), v.dot(direction));
+        let c = self.parameters.fixed_view::<2, 2>(0, 0) + nalgebra::Matrix2::identity() * variance;
+        let facing = self.normal.dot(direction) > 0.0;
+        c.try_inverse().filter(|_| facing).map_or(f64::INFINITY, |i| r.dot(&(i * r)))
+    }
+
+    /// Covariance of the normal.
+    pub fn normal_covariance(&self) -> Mat3 {
+        self.covariance().fixed_view::<3, 3>(0, 0).into()
+    }
+
+    /// Covariance of (normal, offset).
+    pub fn covariance(&self) -> Matrix4<f64> {
+        let (u, v) = tangents(&self.normal);
+        let mut j = Matrix4x3::zeros();
+        j.fixed_view_mut::<3, 1>(0, 0).copy_from(&u);
+        j.fixed_view_mut::<3, 1>(0, 1).copy_from(&v);
+        j[(3, 2)] = 1.0;
+        crate::math::symmetric(&(j * self.parameters.fixed_view::<3, 3>(0, 0) * j.transpose()))
+    }
+
+    /// [`Plane::covariance`] as rows.
+    pub fn covariance_rows(&self) -> [[f64; 4]; 4] {
+        rows(&self.covariance())
+    }
+
+    /// This plane's part of a pair that is known to be parallel: with its normal told by both, its offset and normal follow.
+    pub fn parallel_to(&self, other: &Self) -> Self {
+        let (u, v) = tangents(&self.normal);
+        // Two more observations: the other's normal, as uncertain as it is.
+        let turn = nalgebra::Vector2::new(u.dot(&other.normal), v.dot(&other.normal));
+        let c = other.normal_covariance();
+        let noise = nalgebra::Matrix2::new(u.dot(&(c * u)), u.dot(&(c * v)), v.dot(&(c * u)), v.dot(&(c * v)));
+        let h = SMatrix::<f64, 2, 4>::identity();
+        let Some(inverse) = (h * self.parameters * h.transpose() + noise).try_inverse() else { return self.clone() };
+        let gain = self.parameters * h.transpose() * inverse;
+        let moved = gain * turn;
+        Self {
+            normal: (self.normal + u * moved[0] + v * moved[1]).normalize(),
+            offset: self.offset + moved[2],
+            restitution: self.restitution + moved[3],
+            parameters: crate::math::symmetric(&((Matrix4::identity() - gain * h) * self.parameters)),
+            chi2: self.chi2,
+        }
+    }
+
+    /// Height of the point `p` (m) over the plane, and its variance from the plane's uncertainty.
+    pub fn height(&self, p: &Vec3) -> (f64, f64) {
+        let row = nalgebra::Vector4::new(p.x, p.y, p.z, -1.0);
+        (self.normal.dot(p) - self.offset, row.dot(&(self.covariance() * row)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const UP: Up = Up { direction: Vec3::new(0.0, 0.0, 1.0), variance: 0.0 };
+
+    fn patch(x: f64, y: f64, normal: Vec3, height: f64, before: Vec3) -> Patch {
+        let (into, e) = (before.dot(&normal), 0.7);
+        let along = before - normal * into;
+        let center = Vec3::new(x, y, 0.0);
+        Patch {
+            center: center + normal * (height + 0.033 - normal.dot(&center)),
+            before,
+            after: along * 0.7 - normal * (e * into),
+            covariance: SMatrix::from_fn(|i, j| {
+                if i != j {
+                    0.0
+                } else if i < 3 {
+                    1e-6
+                } else {
+                    4e-4
+                }
+            }),
+            radius: 0.033,
+            spin_sd: 0.0,
+            normal,
+        }
+    }
+
+    #[test]
+    fn contacts_along_one_line_leave_the_turn_to_the_dynamics() {
+        let tilted = Vec3::new(0.2, 0.1, 1.0).normalize();
+        let patches: [Patch; 4] = core::array::from_fn(|i| patch(0.3 * i as f64, 1.5, tilted, 0.2, Vec3::new(1.0, 0.3, -3.0)));
+        let plane = Plane::fit(patches.iter(), Some(&UP)).unwrap();
+        assert!((plane.normal - tilted).norm() < 0.02 && (plane.restitution - 0.7).abs() < 0.03, "{plane:?}");
+        // Along the line the points tell, across it only the velocities do.
+        let c = plane.normal_covariance();
+        assert!(c[(1, 1)] > 4.0 * c[(0, 0)]);
+    }
+
+    #[test]
+    fn one_contact_that_may_be_on_a_level_surface_is() {
+        let one = [patch(0.0, 1.5, Vec3::z(), 0.0, Vec3::new(1.0, 0.3, -3.0))];
+        let plane = Plane::fit(one.iter(), Some(&UP)).unwrap();
+        assert!((plane.normal - Vec3::z()).norm() < 0.01 && plane.offset.abs() < 0.02);
+        let wall = [patch(0.0, 1.5, -Vec3::y(), -2.0, Vec3::new(0.3, 3.0, -1.0))];
+        assert!((Plane::fit(wall.iter(), Some(&UP)).unwrap().normal + Vec3::y()).norm() < 0.1);
+    }
+
+    #[test]
+    fn disagreement_tells_the_box_from_the_floor() {
+        let floor: [Patch; 3] =
+            core::array::from_fn(|i| patch(0.2 * i as f64, 1.4 + 0.1 * (i * i) as f64, Vec3::z(), 0.0, Vec3::new(1.0, 0.3, -3.0)));
+        let plane = Plane::fit(floor.iter(), Some(&UP)).unwrap();
+        assert!(plane.disagreement(&patch(0.3, 1.5, Vec3::z(), 0.09, Vec3::new(-1.0, 0.2, -2.0))) > 1000.0);
+        assert!(plane.disagreement(&patch(0.3, 1.5, Vec3::z(), 0.0, Vec3::new(-1.0, 0.2, -2.0))) < 5.0);
+    }
+}

@@ -1,0 +1,258 @@
+//! Which contacts lie on the same surface, and what is known of each.
+
+use crate::config::{EnvironmentConfig, Name};
+use crate::event::{Above, Surface};
+use crate::geometry::environment::{Environment, KnownSurface};
+use crate::math::{Mat3, Vec3, acos, sqrt};
+use crate::scene::outline::outline;
+use crate::scene::plane::{Patch, Plane, Up};
+use heapless::Vec;
+
+/// Contacts that are remembered; the oldest goes first.
+const PATCHES: usize = 64;
+/// Surfaces of a stream.
+const SURFACES: usize = 32;
+/// χ² beyond which a contact is not on a plane (three observations).
+const GATE: f64 = 25.0;
+/// Surfaces at an angle within this many standard deviations are parallel.
+const PARALLEL: f64 = 9.0;
+
+/// A surface that contacts showed.
+#[derive(Clone, Debug)]
+struct Found {
+    id: u32,
+    plane: Plane,
+    merged_into: Option<u32>,
+    told: bool,
+}
+
+/// All surfaces of a stream.
+#[derive(Debug)]
+pub struct Surfaces {
+    environment: Environment,
+    known_contacts: [u32; Environment::CAPACITY],
+    patches: Vec<(Patch, Option<u32>), PATCHES>,
+    found: Vec<Found, SURFACES>,
+    next: u32,
+}
+
+impl Surfaces {
+    /// Begins with what is known.
+    pub fn new(environment: &EnvironmentConfig) -> Self {
+        let environment = Environment::new(environment);
+        let next = environment.surfaces().len() as u32;
+        Self { environment, known_contacts: [0; Environment::CAPACITY], patches: Vec::new(), found: Vec::new(), next }
+    }
+
+    /// The surface, known or well found, that a ball of `radius` (m) at `center` (with covariance) touches, and its normal there.
+    pub fn touched(&self, center: &Vec3, covariance: &Mat3, radius: f64) -> Option<(u32, Vec3)> {
+        let near = |f: &&Found| {
+            let (height, variance) = f.plane.height(center);
+            let variance = variance + f.plane.normal.dot(&(covariance * f.plane.normal));
+            let level = f.plane.normal_covariance().trace() < 0.01;
+            f.merged_into.is_none() && level && (height - radius) * (height - radius) < 9.0 * variance + 1e-5
+        };
+        let found = || self.found.iter().find(near).map(|f| (f.id, f.plane.normal));
+        self.environment.touched(center, covariance, radius).or_else(found)
+    }
+
+    /// Takes in a final contact; returns the surface it belongs to, and that surface's normal there.
+    pub fn add(&mut self, patch: Patch, up: &Up) -> Option<(u32, Vec3)> {
+        let covariance: Mat3 = patch.covariance.fixed_view::<3, 3>(0, 0).into();
+        if let Some((id, normal)) = self.environment.touched(&patch.center, &covariance, patch.radius) {
+            self.known_contacts[id as usize] += 1;
+            return Some((id, normal));
+        }
+        if self.patches.is_full() {
+            self.patches.remove(0);
+        }
+        let _ = self.patches.push((patch, None));
+        let newest = self.patches.len() - 1;
+        self.place(newest, up);
+        // Early contacts were placed when little was known.
+        for _ in 0..2 {
+            for i in 0..self.patches.len() {
+                self.place(i, up);
+            }
+        }
+        self.merge(up);
+        let id = self.patches[newest].1?;
+        self.found.iter().find(|f| f.id == id).map(|f| (id, f.plane.normal))
+    }
+
+    /// Puts patch `index` on the surface that it disagrees with least, or on one of its own.
+    fn place(&mut self, index: usize, up: &Up) {
+        let present = self.patches[index].1;
+        let best = {
+            let patch = &self.patches[index].0;
+            let alone = present.is_some_and(|id| self.patches.iter().filter(|p| p.1 == Some(id)).count() == 1);
+            // A plane that rests on this patch alone agrees with it: what counts is whether another does.
+            let others = self.found.iter().filter(|f| f.merged_into.is_none() && !(alone && present == Some(f.id)));
+            let scored = others.map(|f| (f.plane.disagreement(patch), f.id));
+            scored.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|(chi2, _)| *chi2 < GATE).map(|(_, id)| id)
+        };
+        match (best, present) {
+            (Some(id), _) if present == Some(id) => {}
+            (Some(id), _) => {
+                self.patches[index].1 = Some(id);
+                self.refit(id, up);
+                if let Some(left) = present {
+                    self.refit(left, up);
+                    if !self.patches.iter().any(|p| p.1 == Some(left)) {
+                        self.close(left, id);
+                    }
+                }
+            }
+            (None, Some(left)) if self.patches.iter().filter(|p| p.1 == Some(left)).count() > 1 => {
+                self.patches[index].1 = None;
+                self.refit(left, up);
+                self.found_own(index, up);
+            }
+            (None, Some(_)) => {}
+            (None, None) => self.found_own(index, up),
+        }
+    }
+
+    /// A contact that fits nowhere begins a surface if it may be level, or if another homeless contact shares it.
+    /// One alone that is not level may as well be an edge.
+    fn found_own(&mut self, index: usize, up: &Up) {
+        let patch = &self.patches[index].0;
+        let Some(alone) = Plane::fit(core::iter::once(patch), Some(up)) else { return };
+        let partner = self.patches.iter().enumerate().filter(|(i, p)| *i != index && p.1.is_none()).find_map(|(i, p)| {
+            let plane = Plane::fit([patch, &p.0].into_iter(), Some(up))?;
+            (plane.disagreement(patch) + plane.disagreement(&p.0) < GATE).then_some((i, plane))
+        });
+        let level = alone.turn_to(&up.direction, up.variance + 1e-4) < 9.0;
+        let (partner, plane) = match partner {
+            Some((i, plane)) => (Some(i), plane),
+            None if level => (None, alone),
+            None => return,
+        };
+        if self.found.push(Found { id: self.next, plane, merged_into: None, told: false }).is_ok() {
+            self.patches[index].1 = Some(self.next);
+            if let Some(i) = partner {
+                self.patches[i].1 = Some(self.next);
+            }
+            self.next += 1;
+        }
+    }
+
+    fn refit(&mut self, id: u32, up: &Up) {
+        let members = self.patches.iter().filter(|p| p.1 == Some(id)).map(|p| &p.0);
+        if let (Some(plane), Some(found)) = (Plane::fit(members, Some(up)), self.found.iter_mut().find(|f| f.id == id)) {
+            found.plane = plane;
+        }
+    }
+
+    fn close(&mut self, id: u32, into: u32) {
+        if let Some(found) = self.found.iter_mut().find(|f| f.id == id) {
+            found.merged_into = Some(into);
+        }
+    }
+
+    /// Two surfaces whose contacts one plane explains as well are one.
+    fn merge(&mut self, up: &Up) {
+        for i in 0..self.found.len() {
+            for j in i + 1..self.found.len() {
+                let (a, b) = (&self.found[i], &self.found[j]);
+                if a.merged_into.is_some() || b.merged_into.is_some() {
+                    continue;
+                }
+                let (a_id, b_id) = (a.id, b.id);
+                let both = self.patches.iter().filter(|p| p.1 == Some(a_id) || p.1 == Some(b_id)).map(|p| &p.0);
+                let Some(plane) = Plane::fit(both, Some(up)) else { continue };
+                if plane.chi2 - a.plane.chi2 - b.plane.chi2 < 14.0 {
+                    for patch in &mut self.patches {
+                        if patch.1 == Some(b_id) {
+                            patch.1 = Some(a_id);
+                        }
+                    }
+                    self.found[i].plane = plane;
+                    self.close(b_id, a_id);
+                }
+            }
+        }
+    }
+
+    /// Hands out every surface as it is now: known ones, found ones, and those that merged since they were handed out last.
+    /// With `last`, all of them, for good.
+    pub fn tell(&mut self, up: &Up, last: bool, mut out: impl FnMut(Surface, bool)) {
+        for (id, known) in self.environment.surfaces().iter().enumerate() {
+            out(self.known(id as u32, known, up), last);
+        }
+        for i in 0..self.found.len() {
+            let gone = self.found[i].merged_into.is_some();
+            if !(gone && self.found[i].told) {
+                out(self.describe(&self.found[i], up), last || gone);
+                self.found[i].told = gone;
+            }
+        }
+    }
+
+    fn known(&self, id: u32, known: &KnownSurface, up: &Up) -> Surface {
+        Surface {
+            id,
+            name: Some(known.name.clone()).filter(|n: &Name| !n.is_empty()),
+            normal: known.normal.into(),
+            offset: known.offset,
+            covariance: None,
+            tilt: Some(acos(known.normal.dot(&up.direction).clamp(-1.0, 1.0))),
+            tilt_sd: Some(sqrt(up.variance)),
+            contacts: self.known_contacts[id as usize],
+            outline: None,
+            above: None,
+            merged_into: None,
+        }
+    }
+
+    fn describe(&self, found: &Found, up: &Up) -> Surface {
+        let members = || self.patches.iter().filter(|p| p.1 == Some(found.id)).map(|p| &p.0);
+        let plane = &found.plane;
+        // The tilt's variance is that of the normal along the way to "up", or along any way where there is none.
+        let c = plane.normal_covariance();
+        let way = (up.direction - plane.normal * plane.normal.dot(&up.direction)).try_normalize(1e-12);
+        let variance = way.map_or(0.5 * c.trace(), |w| w.dot(&(c * w)));
+        Surface {
+            id: found.id,
+            name: None,
+            normal: plane.normal.into(),
+            offset: plane.offset,
+            covariance: Some(plane.covariance_rows()),
+            tilt: Some(acos(plane.normal.dot(&up.direction).clamp(-1.0, 1.0))),
+            tilt_sd: Some(sqrt(variance + up.variance)),
+            contacts: members().count() as u32,
+            outline: Some(outline(members().map(|p| p.center - plane.normal * p.radius), &plane.normal, plane.offset)),
+            above: self.above(found),
+            merged_into: found.merged_into,
+        }
+    }
+
+    /// The nearest parallel surface below `found`.
+    fn above(&self, found: &Found) -> Option<Above> {
+        let members = || self.patches.iter().filter(|p| p.1 == Some(found.id)).map(|p| &p.0);
+        let count = members().count();
+        if count == 0 || found.merged_into.is_some() {
+            return None;
+        }
+        let upper = &found.plane;
+        let middle = members().map(|p| p.center - upper.normal * p.radius).sum::<Vec3>() / count as f64;
+        let known = self.environment.surfaces().iter().enumerate().filter_map(|(id, k)| {
+            let parallel = upper.turn_to(&k.normal, 1e-6) < PARALLEL;
+            let (own, variance) = upper.height(&middle);
+            parallel.then_some((id as u32, k.normal.dot(&middle) - own - k.offset, variance))
+        });
+        let others = self.found.iter().filter(|f| f.id != found.id && f.merged_into.is_none()).filter_map(|f| {
+            let spread = 0.5 * f.plane.normal_covariance().trace();
+            if upper.turn_to(&f.plane.normal, spread) > PARALLEL {
+                return None;
+            }
+            // That they are parallel is knowledge: each has its normal from both.
+            let (upper, lower) = (upper.parallel_to(&f.plane), f.plane.parallel_to(upper));
+            let (own, variance) = upper.height(&middle);
+            let (height, below) = lower.height(&(middle - upper.normal * own));
+            Some((f.id, height, variance + below))
+        });
+        let nearest = known.chain(others).filter(|(_, height, _)| *height > 0.0).min_by(|a, b| a.1.total_cmp(&b.1));
+        nearest.map(|(surface, height, variance)| Above { surface, height, sd: Some(sqrt(variance)) })
+    }
+}

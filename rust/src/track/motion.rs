@@ -1,0 +1,322 @@
+//! Which law a track obeys at the moment, and what happened where it stopped obeying: a wild frame, a contact, support by a
+//! surface, or something that no law explains.
+
+use crate::math::{Mat3, Vec3, sqrt};
+use crate::physics::contact::{Contact, RESTITUTION, Solver};
+use crate::physics::flight::{Flight, Prediction};
+use crate::physics::gravity::Gravity;
+use crate::physics::inconsistency::{Inconsistency, WhitenedTest};
+use crate::physics::law::{FreeFall, Law};
+use crate::physics::{Sample, between};
+use crate::track::window::Window;
+use heapless::Vec;
+
+/// A contact is final when its after-side is this long, s.
+pub const AFTER_SIDE: f64 = 0.27;
+/// Its before-side, and a flight that predicts, reach back this far, s.
+const BEFORE_SIDE: f64 = 0.5;
+/// A contact hides in a gap no longer than this, s: 150 ms and the frames beside it.
+const LONGEST_BRIDGE: f64 = 0.2;
+/// Fewer measurements than these behind a contact tell nothing: how many, and over which time (s).
+const AFTER_CONTACT: (usize, f64) = (2, 0.02);
+/// What has no explanation after this, s, gets none.
+const PATIENCE: f64 = 0.12;
+/// Impulses smaller than this are none, m/s.
+const SMALLEST_IMPULSE: f64 = 0.4;
+/// How much of a supported object's acceleration friction may cause, m/s² (standard deviation).
+const FRICTION: f64 = 1.5;
+
+/// What surrounds a motion: the same for all tracks of a stream.
+#[derive(Clone, Copy)]
+pub struct Surroundings<'a> {
+    /// How a free ball moves.
+    pub law: &'a dyn Law,
+    /// What is known of gravity.
+    pub gravity: &'a Gravity,
+    /// How long a bounce touches, s.
+    pub duration: f64,
+    /// Normal of the known or found surface that this contact was with.
+    pub normal_at: &'a dyn Fn(&Contact) -> Option<Vec3>,
+}
+
+/// What a new sample brought to light.
+#[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant)] // No heap to put the larger ones on.
+pub enum Finding {
+    /// The measurement is not where the law puts it.
+    Inconsistent(Inconsistency),
+    /// A contact, which later samples will refine; `true` where it replaces the one before.
+    Touched(Contact, bool),
+    /// The last contact, for good.
+    Settled(Contact),
+    /// A flight is over: the flight, and from when to when (s) the samples are its own.
+    Flown(Flight, f64, f64),
+    /// The samples from this time on belong to something else, which no contact connects with what was before.
+    Parted(f64),
+}
+
+/// Findings of one sample.
+pub type Findings = Vec<Finding, 6>;
+
+/// What the object does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Phase {
+    /// It flies, by the law.
+    Flying,
+    /// It flew, and the samples from this time on disagree.
+    Doubtful(f64),
+    /// A surface carries it.
+    Supported,
+    /// No law is known to hold.
+    Unknown,
+}
+
+/// The contact that is not final yet.
+#[derive(Clone, Debug)]
+struct Pending {
+    contact: Contact,
+    /// Start of the flight before it, s.
+    since: f64,
+}
+
+/// A track's motion.
+#[derive(Clone, Debug)]
+pub struct Motion {
+    phase: Phase,
+    /// Start of the present phase, s.
+    since: f64,
+    test: WhitenedTest,
+    fit: Option<Flight>,
+    pending: Option<Pending>,
+}
+
+impl Motion {
+    /// Begins with a flight at time `since` (s); `false_alarm` is the whitened test's, for the whole track.
+    pub fn new(since: f64, false_alarm: f64) -> Self {
+        Self { phase: Phase::Flying, since, test: WhitenedTest::new(false_alarm), fit: None, pending: None }
+    }
+
+    /// The state by the law that holds now, with its uncertainty; `None` where none does.
+    pub fn fit(&self) -> Option<(&Flight, bool)> {
+        self.fit.as_ref().map(|fit| (fit, self.phase == Phase::Supported))
+    }
+
+    /// Where the object will be at `t` (s).
+    pub fn predict(&self, around: &Surroundings, t: f64) -> Option<Prediction> {
+        let (fit, supported) = self.fit()?;
+        Some(if supported { fit.predict(&FreeFall, t) } else { fit.predict(around.law, t) })
+    }
+
+    /// Takes in the next sample, which it appends to `window`.
+    pub fn push(&mut self, window: &mut Window, sample: Sample, around: &Surroundings, findings: &mut Findings) {
+        let gap = window.samples().last().map_or(0.0, |last| sample.t - last.t);
+        if gap > LONGEST_BRIDGE && !self.survives(&sample, around) {
+            self.finish(window, around, findings);
+            let _ = findings.push(Finding::Parted(sample.t));
+            self.restart(Phase::Flying, sample.t);
+        }
+        let alarm = match (self.phase, self.predict(around, sample.t)) {
+            (Phase::Flying | Phase::Supported, Some(prediction)) => self.test.test(&prediction, &sample.position, &covariance(&sample)),
+            _ => None,
+        };
+        window.push(sample);
+        match (self.phase, alarm) {
+            (Phase::Flying, Some(alarm)) => {
+                let _ = findings.push(Finding::Inconsistent(alarm));
+                self.phase = Phase::Doubtful(sample.t);
+            }
+            (Phase::Supported, Some(alarm)) => {
+                let _ = findings.push(Finding::Inconsistent(alarm));
+                self.restart(Phase::Unknown, sample.t);
+            }
+            (Phase::Flying | Phase::Supported, None) => self.refit(window, around),
+            (Phase::Doubtful(_) | Phase::Unknown, _) => {}
+        }
+        match self.phase {
+            Phase::Doubtful(at) => self.explain(window, at, around, findings),
+            Phase::Unknown => self.recover(window, around),
+            Phase::Flying | Phase::Supported => {}
+        }
+        let full = |p: &Pending| sample.t >= p.contact.time + AFTER_SIDE;
+        if self.pending.as_ref().is_some_and(full) {
+            self.settle(window, f64::INFINITY, around, findings);
+        }
+    }
+
+    /// Ends the motion: everything becomes final.
+    pub fn finish(&mut self, window: &Window, around: &Surroundings, findings: &mut Findings) {
+        self.settle(window, f64::INFINITY, around, findings);
+        if self.phase == Phase::Flying {
+            self.land(window, f64::INFINITY, around, findings);
+        }
+        self.restart(Phase::Unknown, f64::INFINITY);
+    }
+
+    fn restart(&mut self, phase: Phase, since: f64) {
+        (self.phase, self.since, self.fit) = (phase, since, None);
+    }
+
+    /// After a long gap: the object is still where its law puts it.
+    fn survives(&self, sample: &Sample, around: &Surroundings) -> bool {
+        self.phase == Phase::Flying
+            && self.predict(around, sample.t).is_some_and(|p| {
+                sqrt(p.covariance.trace()) < 0.05 && WhitenedTest::distance2(&p, &sample.position, &covariance(sample)) < 20.0
+            })
+    }
+
+    fn refit(&mut self, window: &Window, around: &Surroundings) {
+        let Some(last) = window.samples().last() else { return };
+        let recent = between(window.samples(), self.since.max(last.t - BEFORE_SIDE), f64::INFINITY);
+        self.fit = match self.phase {
+            Phase::Supported => supported(between(recent, last.t - AFTER_SIDE, f64::INFINITY)),
+            _ => Flight::fit(around.law, recent, around.gravity),
+        };
+    }
+
+    /// The samples from `at` on disagree with the flight before. Why?
+    fn explain(&mut self, window: &mut Window, at: f64, around: &Surroundings, findings: &mut Findings) {
+        let after = between(window.samples(), at, f64::INFINITY);
+        let (Some(first), Some(last), count) = (after.first().copied(), after.last().copied(), after.len()) else { return };
+        if count == 2
+            && self.predict(around, last.t).is_some_and(|p| WhitenedTest::distance2(&p, &last.position, &covariance(&last)) < 12.0)
+        {
+            window.remove(first.t);
+            self.phase = Phase::Flying;
+            return self.refit(window, around);
+        }
+        if count >= AFTER_CONTACT.0 && last.t - first.t >= AFTER_CONTACT.1 {
+            if let Some(contact) = self.revised(window, around) {
+                return self.touch(contact, true, window, around, findings);
+            }
+            if let Some(contact) = best_contact(window.samples(), self.since, at, around) {
+                self.settle(window, contact.time, around, findings);
+                self.land(window, contact.time, around, findings);
+                return self.touch(contact, false, window, around, findings);
+            }
+        }
+        if count >= 4 && last.t - first.t >= PATIENCE {
+            let missed = window.samples().iter().rev().find(|s| s.t < first.t).is_some_and(|s| {
+                let step = (last.t - first.t) / (count - 1) as f64;
+                first.t - s.t > 1.5 * step
+            });
+            self.settle(window, at, around, findings);
+            self.land(window, at, around, findings);
+            if missed {
+                let _ = findings.push(Finding::Parted(at));
+            }
+            self.restart(Phase::Unknown, at);
+            self.recover(window, around);
+        }
+    }
+
+    /// The contact before was young when doubt came up: perhaps it was only solved from too little.
+    fn revised(&self, window: &Window, around: &Surroundings) -> Option<Contact> {
+        let pending = self.pending.as_ref().filter(|p| {
+            let young = between(window.samples(), self.since, f64::INFINITY);
+            young.len() <= 8 && young.last().is_some_and(|s| s.t - p.contact.time < AFTER_SIDE)
+        })?;
+        best_contact(window.samples(), pending.since, self.since, around)
+    }
+
+    fn touch(&mut self, contact: Contact, again: bool, window: &Window, around: &Surroundings, findings: &mut Findings) {
+        let since = if again { self.pending.as_ref().map_or(self.since, |p| p.since) } else { self.since };
+        let _ = findings.push(Finding::Touched(contact.clone(), again));
+        self.restart(Phase::Flying, contact.time + around.duration);
+        self.pending = Some(Pending { contact, since });
+        self.refit(window, around);
+    }
+
+    /// Solves the pending contact for the last time, with all samples up to `until`.
+    fn settle(&mut self, window: &Window, until: f64, around: &Surroundings, findings: &mut Findings) {
+        let Some(Pending { contact, since }) = self.pending.take() else { return };
+        let until = until.min(contact.time + AFTER_SIDE + 1e-3);
+        let samples = between(window.samples(), since.max(contact.time - BEFORE_SIDE), until);
+        let split = samples.partition_point(|s| s.t <= contact.time);
+        let normal = (around.normal_at)(&contact);
+        let solver = Solver { law: around.law, gravity: around.gravity, duration: around.duration };
+        let last = solver.solve(samples, split, normal.as_ref()).filter(|c| plausible(c) && admissible(c));
+        let _ = findings.push(Finding::Settled(last.unwrap_or(contact)));
+    }
+
+    /// The flight of the present phase is over.
+    fn land(&mut self, window: &Window, until: f64, around: &Surroundings, findings: &mut Findings) {
+        let samples = between(window.samples(), self.since, until);
+        let Some(last) = samples.last() else { return };
+        let flight = if samples.len() >= 5 { Flight::fit(around.law, samples, around.gravity) } else { None };
+        if let Some(flight) = flight.filter(|f| f.chi2 < limit(f.dof())) {
+            let _ = findings.push(Finding::Flown(flight, self.since, last.t + 1e-9));
+        }
+    }
+
+    /// Looks for a law that holds again.
+    fn recover(&mut self, window: &Window, around: &Surroundings) {
+        let Some(last) = window.samples().last() else { return };
+        let recent = |span: f64| between(window.samples(), self.since.max(last.t - span), f64::INFINITY);
+        let long_enough =
+            |samples: &[Sample], span: f64| samples.len() >= 4 && samples.first().is_some_and(|s| last.t - s.t >= 0.75 * span);
+        let fall = recent(0.135);
+        let flight = Flight::fit(around.law, fall, around.gravity).filter(|f| f.chi2 < limit(f.dof()));
+        if let Some(flight) = flight.filter(|_| long_enough(fall, 0.135)) {
+            self.restart(Phase::Flying, fall.first().map_or(last.t, |s| s.t));
+            self.fit = Some(flight);
+            return;
+        }
+        let rest = recent(0.2);
+        let carried = supported(rest).filter(|f| f.chi2 < limit(f.dof()));
+        if let Some(carried) = carried.filter(|_| long_enough(rest, 0.2)) {
+            self.restart(Phase::Supported, rest.first().map_or(last.t, |s| s.t));
+            self.fit = Some(carried);
+        }
+    }
+}
+
+/// A motion that a surface carries: no acceleration but friction's. Small hops are within what is allowed.
+fn supported(samples: &[Sample]) -> Option<Flight> {
+    let carried = Gravity { mean: Vec3::zeros(), information: Mat3::from_diagonal_element(1.0 / (FRICTION * FRICTION)), size: None };
+    Flight::fit(&FreeFall, samples, &carried)
+}
+
+/// χ² that a true model with `dof` degrees of freedom does not exceed but once in ten thousand, with room for what real balls do
+/// beyond the model (they swing, they are not round, their markers sit beside the center).
+fn limit(dof: f64) -> f64 {
+    1.5 * (dof + 3.7 * sqrt(2.0 * dof.max(1.0)) + 7.0)
+}
+
+fn plausible(contact: &Contact) -> bool {
+    let count = (contact.counts[0] + contact.counts[1]) as f64;
+    contact.counts[0] >= 2 && contact.counts[1] >= AFTER_CONTACT.0 && contact.chi2 < limit(3.0 * count - 10.0)
+}
+
+/// A passive ball on a passive surface: pushed against its motion, and not faster afterwards.
+fn admissible(contact: &Contact) -> bool {
+    let impulse = contact.after - contact.before;
+    let (before, after) = (contact.before.norm(), contact.after.norm());
+    let Some(normal) = contact.normal(RESTITUTION) else { return false };
+    let restitution = contact.restitution(&normal).unwrap_or(-1.0);
+    impulse.norm() > SMALLEST_IMPULSE
+        && impulse.dot(&contact.before) < 0.0
+        && after < 1.05 * before + 0.2
+        && (-0.05..1.1).contains(&restitution)
+}
+
+/// The best contact between the flight that began at `since` and the samples from about `at` on: the doubt may have come a frame
+/// late, and the frame in doubt may have been the last before.
+fn best_contact(samples: &[Sample], since: f64, at: f64, around: &Surroundings) -> Option<Contact> {
+    let samples = between(samples, since.max(at - BEFORE_SIDE), at + AFTER_SIDE);
+    let split = samples.partition_point(|s| s.t < at);
+    let solver = Solver { law: around.law, gravity: around.gravity, duration: around.duration };
+    let score = |c: &Contact| c.chi2 - 3.0 * (c.counts[0] + c.counts[1]) as f64;
+    (split.saturating_sub(2)..=(split + 1).min(samples.len().saturating_sub(AFTER_CONTACT.0)))
+        .filter(|&k| k >= 2 && samples[k].t - samples[k - 1].t < LONGEST_BRIDGE)
+        .filter_map(|k| {
+            let contact = solver.solve(samples, k, None)?;
+            let inside = contact.time > samples[k - 1].t - around.duration - 2e-3 && contact.time < samples[k].t + 2e-3;
+            (inside && plausible(&contact) && admissible(&contact)).then_some(contact)
+        })
+        .min_by(|a, b| score(a).total_cmp(&score(b)))
+}
+
+/// Of a sample's position, m².
+fn covariance(sample: &Sample) -> Mat3 {
+    sample.weight.try_inverse().unwrap_or_else(|| Mat3::from_diagonal_element(f64::INFINITY))
+}

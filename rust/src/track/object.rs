@@ -1,0 +1,133 @@
+//! One tracked object: its recent past, its motion, and when it was seen last.
+
+use crate::config::Method;
+use crate::math::{Mat3, Vec3};
+use crate::physics::Sample;
+use crate::physics::flight::{Prediction, VELOCITY_SD};
+use crate::physics::law::State;
+use crate::time::{after, seconds_between};
+use crate::track::Measurement;
+use crate::track::motion::{Findings, Motion, Surroundings};
+use crate::track::noise::Noise;
+use crate::track::paper::PaperMotion;
+use crate::track::window::Window;
+
+/// The method that watches a track's motion.
+#[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant)] // No heap to put the larger one on.
+pub enum Watch {
+    /// Whitened tests and joint fits.
+    Best(Motion),
+    /// The paper's θ and parabolas; predictions for association are ours.
+    Paper(PaperMotion),
+}
+
+/// A tracked object.
+#[derive(Clone, Debug)]
+pub struct Track {
+    /// Counted from 1, never reused.
+    pub id: u32,
+    /// The number by which another tracker knows it.
+    pub label: Option<u32>,
+    /// Its time zero, ns.
+    pub epoch_ns: i64,
+    /// Radius of the ball, m.
+    pub radius: f64,
+    /// Newest measurement, s.
+    pub last: f64,
+    /// Newest sign of it, a measurement or a blob where it should be, s.
+    pub sign: f64,
+    /// Id of its newest contact.
+    pub contact: u32,
+    window: Window,
+    watch: Watch,
+}
+
+impl Track {
+    /// Begins with its first measurement, which is still to be pushed.
+    pub fn new(id: u32, first: &Measurement, method: Method, false_alarm: f64, theta: f64) -> Self {
+        let watch = match method {
+            Method::Best => Watch::Best(Motion::new(0.0, false_alarm)),
+            Method::Paper => Watch::Paper(PaperMotion::new(0.0, theta)),
+        };
+        let (label, epoch_ns, radius) = (first.label, first.time_ns, first.radius);
+        Self { id, label, epoch_ns, radius, last: 0.0, sign: 0.0, contact: 0, window: Window::default(), watch }
+    }
+
+    /// Seconds since the track's time zero.
+    pub fn seconds(&self, time_ns: i64) -> f64 {
+        seconds_between(self.epoch_ns, time_ns)
+    }
+
+    /// The stamp at `t` seconds since the track's time zero.
+    pub fn stamp(&self, t: f64) -> i64 {
+        after(self.epoch_ns, t)
+    }
+
+    /// The recent past.
+    pub fn samples(&self) -> &[Sample] {
+        self.window.samples()
+    }
+
+    /// Takes in a measurement. Where it comes without covariance, `noise` learns from it and tells how good it is.
+    pub fn push(&mut self, measured: &Measurement, noise: &mut Noise, around: &Surroundings, findings: &mut Findings) {
+        let t = self.seconds(measured.time_ns);
+        (self.last, self.sign) = (t, t);
+        let weight = measured.covariance.and_then(|c| c.try_inverse());
+        let known = weight.unwrap_or_else(|| Mat3::from_diagonal_element(1.0 / (noise.sd() * noise.sd())));
+        let Some(mut sample) = self.window.gather(t, measured.center, known) else { return };
+        if weight.is_none() {
+            let sd = noise.sd();
+            self.window.reweigh(sd);
+            sample.weight = Mat3::from_diagonal_element(1.0 / (sd * sd));
+        }
+        self.push_sample(sample, around, findings);
+        if weight.is_none() {
+            noise.observe(self.window.samples());
+        }
+    }
+
+    /// Takes in a sample of another track, which turned out to be of this one.
+    pub fn push_sample(&mut self, sample: Sample, around: &Surroundings, findings: &mut Findings) {
+        match &mut self.watch {
+            Watch::Best(motion) => motion.push(&mut self.window, sample, around, findings),
+            Watch::Paper(motion) => motion.push(&mut self.window, sample, around, findings),
+        }
+    }
+
+    /// Ends the track: everything becomes final.
+    pub fn finish(&mut self, around: &Surroundings, findings: &mut Findings) {
+        match &mut self.watch {
+            Watch::Best(motion) => motion.finish(&self.window, around, findings),
+            Watch::Paper(motion) => motion.finish(&self.window, findings),
+        }
+    }
+
+    /// Where the object is at `t` (s), with covariance: by the law that holds now, else as far as a ball may have got.
+    pub fn predict(&self, around: &Surroundings, t: f64) -> Prediction {
+        let lawful = match &self.watch {
+            Watch::Best(motion) => motion.predict(around, t),
+            Watch::Paper(_) => {
+                let recent = self.samples().last_chunk::<6>().map_or(self.samples(), |c| c);
+                crate::physics::flight::Flight::fit(around.law, recent, around.gravity).map(|f| f.predict(around.law, t))
+            }
+        };
+        lawful.unwrap_or_else(|| {
+            let position = self.samples().last().map_or_else(Vec3::zeros, |s| s.position);
+            let reach = VELOCITY_SD * (t - self.last);
+            Prediction {
+                state: State { t, position, velocity: Vec3::zeros() },
+                covariance: Mat3::from_diagonal_element(reach * reach + 1e-4),
+            }
+        })
+    }
+
+    /// Whether an object that touches something on its way may be at `center` at time `t` (s).
+    pub fn reaches(&self, center: &Vec3, t: f64) -> bool {
+        let Some(last) = self.samples().last() else { return false };
+        let previous = self.samples().iter().rev().nth(1);
+        let speed = previous.map_or(3.0, |p| (last.position - p.position).norm() / (last.t - p.t));
+        let dt = t - last.t;
+        (center - last.position).norm() < 0.05 + (1.2 * speed + 1.0) * dt + 5.0 * dt * dt
+    }
+}
