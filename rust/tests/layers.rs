@@ -17,9 +17,10 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("scene", &["geometry", "physics", "track"]),
     ("seeing", &["kinect", "stream", "geometry", "detect", "physics", "track", "scene"]),
     ("reasoning", &["kinect", "stream", "geometry", "detect", "physics", "track", "scene"]),
-    ("engine", &["kinect", "stream", "geometry", "detect", "physics", "track", "scene", "seeing", "reasoning"]),
+    ("timeline", &[]),
+    ("engine", &["timeline", "kinect", "stream", "geometry", "detect", "physics", "track", "scene", "seeing", "reasoning"]),
     // What it hands on are images and measurements.
-    ("source", &["kinect", "stream", "geometry", "config_file", "seeing::Image", "track::Measurement"]),
+    ("source", &["kinect", "stream", "geometry", "config_file", "seeing::Image", "track::Measurement", "sim"]),
     ("config_file", &["geometry"]),
     ("run", &["geometry", "engine", "seeing::Image", "track::Measurement", "source", "sim"]),
     // Never an estimator: it makes what estimators are judged by.
