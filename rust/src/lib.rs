@@ -16,6 +16,7 @@ pub mod math;
 pub mod physics;
 #[cfg(feature = "python")]
 mod python;
+pub mod reasoning;
 #[cfg(feature = "std")]
 pub mod run;
 pub mod scene;
@@ -25,4 +26,5 @@ pub mod sim;
 #[cfg(feature = "std")]
 pub mod source;
 pub mod time;
+pub mod timeline;
 pub mod track;

@@ -1,14 +1,13 @@
 //! Frames to balls: background, components, fits. It borrows its buffers, for images of any size, and allocates nothing.
 
 use crate::config::ObjectConfig;
-use crate::detect::Detection;
-use crate::detect::ball::{PATCH, View};
+use crate::detect::ball::{Found, PATCH, View};
 use crate::detect::components::{Component, Run, connect};
 use crate::detect::foreground::{self, Coding, Frame, Sample};
-use crate::detect::noise::Noise;
+use crate::detect::noise::{Factors, Noise};
+use crate::detect::{Blob, Detection};
 use crate::error::ConfigError;
 use crate::geometry::camera::Camera;
-use crate::math::Vec3;
 use core::ops::{Deref, DerefMut};
 use heapless::Vec;
 
@@ -103,7 +102,7 @@ pub struct Buffers<'b> {
     /// Runs of foreground.
     pub runs: Slice<'b, Run>,
     /// One ball's pixels.
-    pub scores: Slice<'b, [f32; 3]>,
+    pub scores: Slice<'b, [f32; 5]>,
 }
 
 impl Buffers<'_> {
@@ -124,7 +123,7 @@ impl Buffers<'static> {
             farthest: Slice::Owned(std::vec![0; sizes.pixels]),
             depths: Slice::Owned(std::vec![0.0; sizes.depths]),
             runs: Slice::Owned(std::vec![Run::default(); sizes.runs]),
-            scores: Slice::Owned(std::vec![[0.0; 3]; sizes.scores]),
+            scores: Slice::Owned(std::vec![[0.0; 5]; sizes.scores]),
         }
     }
 }
@@ -135,6 +134,7 @@ pub struct Seeing<'b> {
     coding: Coding,
     radii: Vec<f64, 4>,
     noise: Noise,
+    factors: Factors,
     buffers: Buffers<'b>,
     background_frames: u32,
     seen: u32,
@@ -171,6 +171,7 @@ impl<'b> Seeing<'b> {
             coding,
             radii,
             noise: Noise::default(),
+            factors: Factors::default(),
             buffers,
             background_frames,
             seen: 0,
@@ -179,17 +180,21 @@ impl<'b> Seeing<'b> {
         })
     }
 
+    /// How the noise of the balls seen so far compares with the model.
+    pub fn factors(&self) -> Factors {
+        self.factors
+    }
+
     /// Frames in which nothing could be told apart because there were more pieces of foreground than the buffers hold.
     pub fn cluttered(&self) -> u64 {
         self.cluttered
     }
 
-    /// Finds the balls of one frame; while the background is learned there are none. `detections` is emptied first.
+    /// Whether [`Seeing::see`] would take `image`.
     ///
     /// # Errors
-    /// The image is not the camera's. Nothing has changed then.
-    pub fn see(&mut self, image: Image<'_>, detections: &mut Vec<Detection, 16>) -> Result<(), SeeError> {
-        detections.clear();
+    /// The image is not the camera's.
+    pub fn check(&self, image: Image<'_>) -> Result<(), SeeError> {
         let (found, floating) = match image {
             Image::U16(samples) => (samples.len(), false),
             Image::F32(samples) => (samples.len(), true),
@@ -198,9 +203,17 @@ impl<'b> Seeing<'b> {
         if found != expected {
             return Err(SeeError::Size { expected, found });
         }
-        if *self.floating.get_or_insert(floating) != floating {
-            return Err(SeeError::Kind);
-        }
+        if self.floating.is_some_and(|before| before != floating) { Err(SeeError::Kind) } else { Ok(()) }
+    }
+
+    /// Finds the balls of one frame; while the background is learned there are none. `detections` is emptied first.
+    ///
+    /// # Errors
+    /// The image is not the camera's. Nothing has changed then.
+    pub fn see(&mut self, image: Image<'_>, detections: &mut Vec<Detection, 16>) -> Result<(), SeeError> {
+        detections.clear();
+        self.check(image)?;
+        self.floating = Some(matches!(image, Image::F32(_)));
         match image {
             Image::U16(samples) => self.see_samples(samples, detections),
             Image::F32(samples) => self.see_samples(samples, detections),
@@ -235,10 +248,13 @@ impl<'b> Seeing<'b> {
         };
         for (index, run) in runs.iter().take(count).enumerate() {
             let Some(component) = run.component(index).filter(|c| c.pixels >= FEWEST_PIXELS) else { continue };
-            let found = look(&frame, &self.camera, self.noise, &self.radii, component, scores);
-            if let Some(detection) = found
-                && detections.push(detection).is_err()
-            {
+            let view = |radius| View { frame: &frame, camera: &self.camera, noise: self.noise, factors: self.factors, radius };
+            let Some(found) = look(view, &self.radii, component, scores) else { continue };
+            if found.detection.blob == Blob::Whole {
+                self.factors.cap.learn(found.cap_ratio);
+                self.factors.outline.learn(found.outline_ratio);
+            }
+            if detections.push(found.detection).is_err() {
                 break;
             }
         }
@@ -246,19 +262,16 @@ impl<'b> Seeing<'b> {
 }
 
 /// The ball that a component is, if it can be one: the radius whose disc comes nearest in size.
-fn look<S: Sample>(
-    frame: &Frame<'_, S>,
-    camera: &Camera,
-    noise: Noise,
+fn look<'v, S: Sample + 'v>(
+    view: impl Fn(f64) -> View<'v, S>,
     radii: &[f64],
     component: &Component,
-    scores: &mut [[f32; 3]],
-) -> Option<Detection> {
+    scores: &mut [[f32; 5]],
+) -> Option<Found> {
     let (column, row, depth) = component.mean();
     let pixels = f64::from(component.pixels);
-    let view = |radius: f64| View { frame, camera, noise, radius };
     // Seen from the front, the mean depth of a cap is that of its center less two thirds of the radius.
-    let start = |radius: f64| -> Vec3 { camera.deproject(column, row, depth + radius * 2.0 / 3.0) };
+    let start = |radius: f64| view(radius).camera.deproject(column, row, depth + radius * 2.0 / 3.0);
     let ratio = |radius: f64| pixels / view(radius).disc(&start(radius));
     let mismatch = |radius: f64| crate::math::log(ratio(radius)).abs();
     let radius = radii.iter().copied().min_by(|a, b| mismatch(*a).total_cmp(&mismatch(*b)))?;
@@ -272,8 +285,8 @@ fn look<S: Sample>(
 mod tests {
     use super::*;
     use crate::config::{CameraConfig, Radii};
-    use crate::detect::Blob;
     use crate::geometry::camera::DepthCode;
+    use crate::math::Vec3;
     use std::vec::Vec as StdVec;
 
     fn camera() -> Camera {

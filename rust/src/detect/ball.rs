@@ -1,10 +1,11 @@
 //! A ball of known radius in one image: the depth of its cap and its silhouette, in one set of normal equations.
 
 use super::foreground::{Frame, Sample};
-use super::noise::{Noise, Scores};
+use super::noise::{Factors, Noise, Score, ScoreCovariance, Scores};
 use super::{Blob, Detection};
 use crate::geometry::camera::Camera;
 use crate::math::{Mat3, Vec3, ceil, floor, sqrt, symmetric};
+use nalgebra::Vector2;
 
 /// Residuals beyond this many standard deviations count linearly only (Huber).
 const HUBER: f64 = 2.0;
@@ -23,29 +24,58 @@ pub struct View<'v, S> {
     pub camera: &'v Camera,
     /// Its noise.
     pub noise: Noise,
+    /// How the noise compares with that.
+    pub factors: Factors,
     /// Radius of the ball, m.
     pub radius: f64,
 }
 
-/// Normal equations of one kind of evidence: H · step = g.
+/// Normal equations of one kind of evidence, H · step = g, and its residuals' part in two patterns that no ball has.
 #[derive(Default)]
 struct Equations {
     hessian: Mat3,
     gradient: Vec3,
+    patterns: Vector2<f64>,
 }
 
 impl Equations {
-    fn add(&mut self, jacobian: &Vec3, residual: f64, weight: f64) {
+    /// Adds a pixel; its score is what it would add to `gradient` and `patterns` for a residual of `sd`.
+    fn add(&mut self, jacobian: &Vec3, pattern: &Vector2<f64>, residual: f64, weight: f64, sd: f64) -> Score {
         self.hessian += jacobian * jacobian.transpose() * weight;
         self.gradient += jacobian * (weight * residual);
+        self.patterns += pattern * (weight * residual);
+        Score::new(jacobian.x, jacobian.y, jacobian.z, pattern.x, pattern.y) * (weight * sd)
     }
 
     /// `scores` is the covariance of `gradient` as the correlated noise makes it. The estimate that these equations give has the information
     /// H S⁻¹ H, so that is what they count when they are joined with others.
-    fn informed(&self, scores: &Mat3) -> Option<Self> {
+    fn informed(&self, scores: &ScoreCovariance, factor: f64) -> Option<Self> {
+        let scores: Mat3 = scores.fixed_view::<3, 3>(0, 0) * factor;
         let to_information = self.hessian * scores.try_inverse()?;
-        Some(Self { hessian: symmetric(&(to_information * self.hessian)), gradient: to_information * self.gradient })
+        let hessian = symmetric(&(to_information * self.hessian));
+        Some(Self { hessian, gradient: to_information * self.gradient, patterns: self.patterns })
     }
+
+    /// The patterns' mean square over its expectation: 1 where the noise is as modelled.
+    fn check(&self, scores: &ScoreCovariance) -> f64 {
+        let expected = scores.diagonal();
+        0.5 * (self.patterns.x * self.patterns.x / expected[3] + self.patterns.y * self.patterns.y / expected[4])
+    }
+}
+
+/// The twofold pattern of a direction (x, y): what an ellipse or a saddle has, and a ball has not.
+fn twofold(x: f64, y: f64) -> Vector2<f64> {
+    Vector2::new(x * x - y * y, 2.0 * x * y)
+}
+
+/// A ball that was found, and what it tells of the noise: ratios to the modelled variance of its depth and of its silhouette.
+pub struct Found {
+    /// The ball.
+    pub detection: Detection,
+    /// Of the depth of its cap.
+    pub cap_ratio: f64,
+    /// Of its silhouette.
+    pub outline_ratio: f64,
 }
 
 /// What the pixels around a ball say, given a guess of it.
@@ -128,7 +158,7 @@ impl<S: Sample> View<'_, S> {
 
     /// Compares the image with a guess. `score` is told, for each pixel of the patch, its part in the two gradients times the standard deviation of
     /// its noise. `across` are two directions across the line of sight, in which the silhouette is measured.
-    fn compare(&self, patch: &Patch, guess: &Guess, across: &[Vec3; 2], mut score: impl FnMut(usize, usize, &Vec3, &Vec3)) -> Evidence {
+    fn compare(&self, patch: &Patch, guess: &Guess, across: &[Vec3; 2], mut score: impl FnMut(usize, usize, &Score, &Score)) -> Evidence {
         let (camera, noise, radius) = (self.camera, self.noise, self.radius);
         let Guess { center, shortfall } = *guess;
         let scale = self.scale(center.z);
@@ -156,7 +186,7 @@ impl<S: Sample> View<'_, S> {
                 let surface = along - half_chord;
                 let shows = reading.is_some_and(|z| z > surface - near && z < center.z + near);
                 evidence.mask += u32::from(shows);
-                let mut parts = [Vec3::zeros(); 2];
+                let mut scores = [Score::zeros(); 2];
 
                 if let (Some(z), true) = (reading, half_chord > 0.0) {
                     let residual = z - surface;
@@ -169,11 +199,12 @@ impl<S: Sample> View<'_, S> {
                     if residual.abs() < near {
                         let normalized = residual.abs() / sqrt(variance);
                         let weight = (HUBER / normalized).min(1.0) / variance;
-                        evidence.cap.add(&jacobian, residual, weight);
+                        let radial = (ray * along - center) / radius;
+                        let pattern = twofold(radial.dot(&across[0]), radial.dot(&across[1]));
+                        scores[0] = evidence.cap.add(&jacobian, &pattern, residual, weight, sqrt(variance));
                         evidence.points += 1;
                         evidence.squares += residual * residual;
                         evidence.normalized += normalized * normalized;
-                        parts[0] = jacobian * (weight * sqrt(variance));
                     }
                 }
 
@@ -190,11 +221,12 @@ impl<S: Sample> View<'_, S> {
                     let slope = scale / (2.0 * BAND);
                     let residual = f64::from(u8::from(shows)) - (0.5 + inside / (2.0 * BAND));
                     let outward = (ray * along - center) / offset;
-                    let jacobian = Vec3::new(outward.dot(&across[0]), outward.dot(&across[1]), -1.0) * slope;
-                    evidence.outline.add(&jacobian, residual, 1.0);
-                    parts[1] = jacobian * (noise.lateral(1.0) / (2.0 * BAND));
+                    let (right, down) = (outward.dot(&across[0]), outward.dot(&across[1]));
+                    let jacobian = Vec3::new(right, down, -1.0) * slope;
+                    let sd = noise.lateral(1.0) / (2.0 * BAND);
+                    scores[1] = evidence.outline.add(&jacobian, &(twofold(right, down) * slope), residual, 1.0, sd);
                 }
-                score(x, y, &parts[0], &parts[1]);
+                score(x, y, &scores[0], &scores[1]);
             }
         }
         evidence
@@ -202,7 +234,7 @@ impl<S: Sample> View<'_, S> {
 
     /// Fits the ball from a first guess of its center, camera frame, m; `pixels` is how many its component has. `None` where no ball of this
     /// radius looks like that.
-    pub fn fit(&self, start: Vec3, pixels: u32, scores: &mut [[f32; 3]]) -> Option<Detection> {
+    pub fn fit(&self, start: Vec3, pixels: u32, scores: &mut [[f32; 5]]) -> Option<Found> {
         let mut guess = Guess { center: start, shortfall: SHORTFALL.0 / self.scale(start.z) };
         for _ in 0..3 {
             let evidence = self.compare(&self.patch(&guess.center)?, &guess, &across(&guess.center), |_, _, _, _| ());
@@ -219,7 +251,7 @@ impl<S: Sample> View<'_, S> {
         let outline_scores = patch_scores.covariance();
         let mut covariance = Mat3::zeros();
         for _ in 0..2 {
-            let mut joint = evidence.cap.informed(&cap_scores)?;
+            let mut joint = evidence.cap.informed(&cap_scores, self.factors.cap.value())?;
             if let Some((outline, shortfall)) = self.outline(&evidence.outline, &outline_scores, &guess, &across) {
                 joint.hessian += outline.hessian;
                 joint.gradient += outline.gradient;
@@ -230,12 +262,13 @@ impl<S: Sample> View<'_, S> {
             guess.center = self.moved(&guess.center, &solver.solve(&joint.gradient))?;
             evidence = self.compare(&patch, &guess, &across, |_, _, _, _| ());
         }
-        self.judge(&evidence, &guess, covariance, &patch, pixels)
+        let detection = self.judge(&evidence, &guess, covariance, &patch, pixels)?;
+        Some(Found { detection, cap_ratio: evidence.cap.check(&cap_scores), outline_ratio: evidence.outline.check(&outline_scores) })
     }
 
     /// What the silhouette says of the center, after its shortfall has been estimated too; and that estimate's step, m.
-    fn outline(&self, equations: &Equations, scores: &Mat3, guess: &Guess, across: &[Vec3; 2]) -> Option<(Equations, f64)> {
-        let mut informed = equations.informed(scores)?;
+    fn outline(&self, equations: &Equations, scores: &ScoreCovariance, guess: &Guess, across: &[Vec3; 2]) -> Option<(Equations, f64)> {
+        let mut informed = equations.informed(scores, self.factors.outline.value())?;
         let scale = self.scale(guess.center.z);
         let prior = scale * scale / (SHORTFALL.1 * SHORTFALL.1);
         informed.hessian[(2, 2)] += prior;
@@ -246,7 +279,8 @@ impl<S: Sample> View<'_, S> {
         let coupling = h.fixed_view::<2, 1>(0, 2) / h[(2, 2)];
         let hessian = h.fixed_view::<2, 2>(0, 0) - coupling * h.fixed_view::<1, 2>(2, 0);
         let gradient = g.fixed_rows::<2>(0) - coupling * g.z;
-        Some((Equations { hessian: to_camera * hessian * to_camera.transpose(), gradient: to_camera * gradient }, step.z))
+        let hessian = to_camera * hessian * to_camera.transpose();
+        Some((Equations { hessian, gradient: to_camera * gradient, patterns: Vector2::zeros() }, step.z))
     }
 
     /// The center after a step; `None` where it leaves what can be.

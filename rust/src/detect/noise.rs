@@ -1,6 +1,11 @@
 //! How much a depth reading may be off.
 
-use crate::math::{Mat3, Vec3};
+use nalgebra::{SMatrix, SVector};
+
+/// A pixel's parts in three estimates and in two checks of the noise.
+pub type Score = SVector<f64, 5>;
+/// Covariance of sums of [`Score`]s.
+pub type ScoreCovariance = SMatrix<f64, 5, 5>;
 
 /// Noise of a depth image: along the ray, across it, and over how many pixels it is shared.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,9 +35,47 @@ impl Noise {
     }
 }
 
-/// The pixels around one ball, each with three numbers: its part in three estimates, times the standard deviation of its noise.
+/// A factor on a modelled variance, learned from what is seen: the mean of squares over their modelled expectation. It starts at 1, as if that had
+/// been seen some times, and forgets slowly.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Factor {
+    sum: f64,
+    weight: f64,
+}
+
+impl Default for Factor {
+    fn default() -> Self {
+        Self { sum: 8.0, weight: 8.0 }
+    }
+}
+
+impl Factor {
+    /// What is known by now.
+    pub fn value(self) -> f64 {
+        self.sum / self.weight
+    }
+
+    /// Learns from one more; a wild one counts as if it were 10 times what is known.
+    pub fn learn(&mut self, ratio: f64) {
+        let ratio = ratio.clamp(0.0, 10.0 * self.value()).max(1e-3);
+        let keep = if self.weight < 200.0 { 1.0 } else { 199.0 / 200.0 };
+        self.sum = self.sum * keep + ratio;
+        self.weight = self.weight * keep + 1.0;
+    }
+}
+
+/// Factors on the variance of a ball's depth and of its silhouette.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Factors {
+    /// Of the depth of its cap.
+    pub cap: Factor,
+    /// Of its silhouette.
+    pub outline: Factor,
+}
+
+/// The pixels around one ball, each with its part in some estimates, times the standard deviation of its noise.
 pub struct Scores<'s> {
-    pixels: &'s mut [[f32; 3]],
+    pixels: &'s mut [[f32; 5]],
     width: usize,
     height: usize,
     window: usize,
@@ -40,25 +83,25 @@ pub struct Scores<'s> {
 
 impl<'s> Scores<'s> {
     /// A patch of `width` × `height` pixels whose noise is shared over `window`; `None` where `pixels` are too few.
-    pub fn new(pixels: &'s mut [[f32; 3]], width: usize, height: usize, window: usize) -> Option<Self> {
+    pub fn new(pixels: &'s mut [[f32; 5]], width: usize, height: usize, window: usize) -> Option<Self> {
         let window = window.max(1);
         let (width, height) = (width + window - 1, height + window - 1);
         let pixels = pixels.get_mut(..width * height)?;
-        pixels.fill([0.0; 3]);
+        pixels.fill([0.0; 5]);
         Some(Self { pixels, width, height, window })
     }
 
     /// Sets the scores of the pixel in column `x`, row `y` of the patch.
     #[inline]
-    pub fn set(&mut self, x: usize, y: usize, score: &Vec3) {
+    pub fn set(&mut self, x: usize, y: usize, score: &Score) {
         if let Some(pixel) = self.pixels.get_mut(y * self.width + x) {
-            *pixel = [score.x as f32, score.y as f32, score.z as f32];
+            *pixel = core::array::from_fn(|i| score[i] as f32);
         }
     }
 
     /// Covariance of the sum of all scores. Noise that is shared over a window of w × w is white noise ε, one a pixel, averaged:
     /// e(p) = Σ ε(q)/w over the window at p. So Σ s(p) e(p) = Σ ε(q) (Σ s over the window at q)/w, and the ε are independent.
-    pub fn covariance(self) -> Mat3 {
+    pub fn covariance(self) -> ScoreCovariance {
         let (width, window) = (self.width, self.window);
         for row in self.pixels.chunks_exact_mut(width) {
             box_sums(row, width, 1, window);
@@ -66,24 +109,25 @@ impl<'s> Scores<'s> {
         for column in 0..width {
             box_sums(self.pixels.get_mut(column..).unwrap_or_default(), self.height, width, window);
         }
-        let mut sum = [0.0_f32; 6];
-        for [a, b, c] in self.pixels.iter() {
-            for (sum, product) in sum.iter_mut().zip([a * a, a * b, a * c, b * b, b * c, c * c]) {
-                *sum += product;
+        let mut sum = [[0.0_f32; 5]; 5];
+        for pixel in self.pixels.iter() {
+            for (row, a) in sum.iter_mut().zip(pixel) {
+                for (sum, b) in row.iter_mut().zip(pixel) {
+                    *sum += a * b;
+                }
             }
         }
-        let [aa, ab, ac, bb, bc, cc] = sum.map(f64::from);
-        Mat3::new(aa, ab, ac, ab, bb, bc, ac, bc, cc) / (window * window) as f64
+        ScoreCovariance::from_fn(|i, j| f64::from(sum[i][j])) / (window * window) as f64
     }
 }
 
 /// Replaces each of the `count` values that lie `stride` apart by the sum of itself and the `window` − 1 before it; the last `window` − 1 are 0.
-fn box_sums(values: &mut [[f32; 3]], count: usize, stride: usize, window: usize) {
-    let mut sum = [0.0_f32; 3];
+fn box_sums(values: &mut [[f32; 5]], count: usize, stride: usize, window: usize) {
+    let mut sum = [0.0_f32; 5];
     for i in (0..count + window).rev() {
         // Backwards, so that what leaves the window has not been overwritten yet.
-        let entering = if i >= window { values.get((i - window) * stride).copied().unwrap_or_default() } else { [0.0; 3] };
-        let leaving = if i < count { values.get(i * stride).copied().unwrap_or_default() } else { [0.0; 3] };
+        let entering = if i >= window { values.get((i - window) * stride).copied().unwrap_or_default() } else { [0.0; 5] };
+        let leaving = if i < count { values.get(i * stride).copied().unwrap_or_default() } else { [0.0; 5] };
         if let Some(value) = values.get_mut(i * stride).filter(|_| i < count) {
             *value = sum;
         }

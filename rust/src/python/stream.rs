@@ -5,9 +5,9 @@ use super::config::{self, CameraSource};
 use super::error::StreamTimeoutError;
 use super::event::{self, Counters};
 use super::iterable::Iterable;
-use crate::engine::Predictor;
 use crate::event::Event;
 use crate::math::rows;
+use crate::reasoning::Predictor;
 use crate::run::{Next, Options, Reader, Run, Step};
 use crate::time;
 use pyo3::exceptions::{PyTypeError, PyValueError};
@@ -114,7 +114,7 @@ impl Stream {
     /// The live tracks by number, as of the last event.
     #[getter]
     fn tracks(&self) -> BTreeMap<u32, Track> {
-        self.now().predictors.iter().map(|&predictor| (predictor.track, Track { predictor })).collect()
+        self.now().predictors.iter().map(|predictor| (predictor.track(), Track { predictor: predictor.clone() })).collect()
     }
 }
 
@@ -172,7 +172,7 @@ impl Track {
     /// Its number in the stream.
     #[getter]
     fn track(&self) -> u32 {
-        self.predictor.track
+        self.predictor.track()
     }
 
     /// Where it will be by the laws of physics: center [3] (m, world) and covariance [3, 3] (m²).
@@ -188,7 +188,7 @@ impl Track {
     }
 
     fn __repr__(&self) -> std::string::String {
-        format!("Track({})", self.predictor.track)
+        format!("Track({})", self.predictor.track())
     }
 }
 
@@ -196,7 +196,7 @@ impl Track {
 #[pyfunction]
 #[pyo3(signature = (source, *, name, config, camera, positions, provisional, frames, duration, timeout))]
 #[allow(clippy::too_many_arguments)] // They are Python's.
-pub fn open(
+pub fn open_source(
     source: &str,
     name: Option<&str>,
     config: Option<&Bound<'_, PyAny>>,

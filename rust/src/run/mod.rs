@@ -5,10 +5,12 @@ mod reader;
 pub use reader::{Next, Reader, Step};
 
 use crate::config::Config;
-use crate::engine::{Engine, Predictor};
+use crate::engine::Engine;
 use crate::error::ConfigError;
 use crate::event::{CameraModel, Counters, EndReason, Event, Kind, StreamEnded, StreamStarted};
 use crate::geometry::camera::Camera;
+use crate::reasoning::Predictor;
+use crate::seeing::SeeError;
 use crate::source::Input;
 use crate::time::seconds_between;
 use std::time::{Duration, Instant};
@@ -28,7 +30,7 @@ pub struct Options {
 
 /// The engine between `stream_started` and `stream_ended`.
 pub struct Run {
-    engine: Engine,
+    engine: Engine<'static>,
     options: Options,
     source: heapless::String<512>,
     camera: Option<CameraModel>,
@@ -48,7 +50,7 @@ impl Run {
         // What doesn't fit is cut: a name is there to be recognised.
         let _ = source.chars().try_for_each(|c| name.push(c));
         Ok(Self {
-            engine: Engine::new(config, camera)?,
+            engine: Engine::new(config, camera.as_ref())?,
             options,
             source: name,
             camera: camera.as_ref().map(CameraModel::from),
@@ -60,9 +62,12 @@ impl Run {
     }
 
     /// One input through the engine; its events go to `sink`. After the end nothing happens.
-    pub fn push(&mut self, input: Input<'_>, sink: &mut dyn FnMut(Event)) {
+    ///
+    /// # Errors
+    /// An image that is not the camera's, or not of the kind that the stream began with.
+    pub fn push(&mut self, input: Input<'_>, sink: &mut dyn FnMut(Event)) -> Result<(), SeeError> {
         if self.over {
-            return;
+            return Ok(());
         }
         let timestamp_ns = input.timestamp_ns();
         let (first_ns, newest_ns) = match self.span_ns {
@@ -70,7 +75,8 @@ impl Run {
             None => (timestamp_ns, timestamp_ns),
         };
         if self.options.duration.is_some_and(|duration| seconds_between(first_ns, timestamp_ns) > duration) {
-            return self.end(EndReason::Limit, sink);
+            self.end(EndReason::Limit, sink);
+            return Ok(());
         }
         if self.span_ns.replace((first_ns, newest_ns)).is_none() {
             self.start(timestamp_ns, sink);
@@ -79,13 +85,14 @@ impl Run {
         let mut tell = |event: Event| tell(event, options, told, sink);
         let start = Instant::now();
         match input {
-            Input::Frame { timestamp_ns, image } => engine.frame(timestamp_ns, image, &mut tell),
+            Input::Frame { timestamp_ns, image } => engine.frame(timestamp_ns, image, &mut tell)?,
             Input::Positions { timestamp_ns, positions } => engine.positions(timestamp_ns, positions, &mut tell),
         }
         self.busy += start.elapsed();
         if self.options.frames.is_some_and(|frames| self.engine.counters().frames >= frames) {
             self.end(EndReason::Limit, sink);
         }
+        Ok(())
     }
 
     fn start(&mut self, timestamp_ns: i64, sink: &mut dyn FnMut(Event)) {
@@ -165,7 +172,7 @@ mod tests {
         let mut run = Run::new("test", &Config::default(), None, options).unwrap();
         let mut events = Vec::new();
         for &timestamp_ns in stamps {
-            run.push(Input::Positions { timestamp_ns, positions: &[] }, &mut |e| events.push((e.kind, e.timestamp_ns)));
+            run.push(Input::Positions { timestamp_ns, positions: &[] }, &mut |e| events.push((e.kind, e.timestamp_ns))).unwrap();
         }
         run.end(EndReason::EndOfSource, &mut |e| events.push((e.kind, e.timestamp_ns)));
         run.end(EndReason::Interrupted, &mut |_| panic!("a stream ends once"));

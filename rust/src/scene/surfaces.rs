@@ -44,19 +44,16 @@ impl Surfaces {
         Self { environment, known_contacts: [0; Environment::CAPACITY], patches: Vec::new(), found: Vec::new(), next }
     }
 
-    /// Normal at the surface, known or well found, that a ball of `radius` (m) at `center` (with covariance) touches.
-    pub fn normal_at(&self, center: &Vec3, covariance: &Mat3, radius: f64) -> Option<Vec3> {
-        if let Some((_, normal)) = self.environment.touched(center, covariance, radius) {
-            return Some(normal);
-        }
+    /// The surface, known or well found, that a ball of `radius` (m) at `center` (with covariance) touches, and its normal there.
+    pub fn touched(&self, center: &Vec3, covariance: &Mat3, radius: f64) -> Option<(u32, Vec3)> {
         let near = |f: &&Found| {
             let (height, variance) = f.plane.height(center);
             let variance = variance + f.plane.normal.dot(&(covariance * f.plane.normal));
-            f.merged_into.is_none()
-                && f.plane.normal_covariance().trace() < 0.01
-                && (height - radius) * (height - radius) < 9.0 * variance + 1e-5
+            let level = f.plane.normal_covariance().trace() < 0.01;
+            f.merged_into.is_none() && level && (height - radius) * (height - radius) < 9.0 * variance + 1e-5
         };
-        self.found.iter().find(near).map(|f| f.plane.normal)
+        let found = || self.found.iter().find(near).map(|f| (f.id, f.plane.normal));
+        self.environment.touched(center, covariance, radius).or_else(found)
     }
 
     /// Takes in a final contact; returns the surface it belongs to, and that surface's normal there.

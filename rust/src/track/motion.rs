@@ -35,7 +35,7 @@ pub struct Surroundings<'a> {
     pub gravity: &'a Gravity,
     /// How long a bounce touches, s.
     pub duration: f64,
-    /// Normal of the known or found surface that a ball at this center touches.
+    /// Normal of the known or found surface that this contact was with.
     pub normal_at: &'a dyn Fn(&Contact) -> Option<Vec3>,
 }
 
@@ -49,8 +49,8 @@ pub enum Finding {
     Touched(Contact, bool),
     /// The last contact, for good.
     Settled(Contact),
-    /// A flight is over: what it says about gravity, and how many measurements said it.
-    Flown(Flight),
+    /// A flight is over: the flight, and from when to when (s) the samples are its own.
+    Flown(Flight, f64, f64),
     /// The samples from this time on belong to something else, which no contact connects with what was before.
     Parted(f64),
 }
@@ -243,7 +243,7 @@ impl Motion {
         let samples = between(window.samples(), self.since, until);
         let flight = if samples.len() >= 5 { Flight::fit(around.law, samples, around.gravity) } else { None };
         if let Some(flight) = flight.filter(|f| f.chi2 < limit(f.dof())) {
-            let _ = findings.push(Finding::Flown(flight));
+            let _ = findings.push(Finding::Flown(flight, self.since, until));
         }
     }
 

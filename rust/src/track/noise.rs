@@ -12,6 +12,9 @@ const MEMORY: usize = 63;
 const ENOUGH: usize = 6;
 /// What is taken for a tracker of which nothing is known yet, m.
 const PRIOR_SD: f64 = 0.003;
+/// Smoothness shows only the noise that changes from sample to sample: until flights were seen, there may be twice as much, and 1 mm
+/// that comes and goes slowly.
+const CAUTION: (f64, f64) = (2.0, 0.001);
 
 /// Standard deviation of positions, m an axis.
 #[derive(Clone, Debug)]
@@ -75,12 +78,11 @@ impl Noise {
         if let Some(told) = self.told {
             return told;
         }
-        let floor = 1e-6;
         if self.dof < 12.0 {
-            return self.smoothness.max(floor);
+            return (CAUTION.0 * self.smoothness).max(CAUTION.1);
         }
         let correlation = (self.neighbours / self.squares.max(1e-300)).clamp(0.0, 0.9);
         let inflation = sqrt((1.0 + correlation) / (1.0 - correlation));
-        (sqrt(self.squares / self.dof) * inflation).max(self.smoothness).max(floor)
+        (sqrt(self.squares / self.dof) * inflation).max(self.smoothness).max(1e-6)
     }
 }

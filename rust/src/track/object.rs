@@ -37,6 +37,8 @@ pub struct Track {
     pub last: f64,
     /// Newest sign of it, a measurement or a blob where it should be, s.
     pub sign: f64,
+    /// Id of its newest contact.
+    pub contact: u32,
     window: Window,
     watch: Watch,
 }
@@ -49,7 +51,7 @@ impl Track {
             Method::Paper => Watch::Paper(PaperMotion::new(0.0, theta)),
         };
         let (label, epoch_ns, radius) = (first.label, first.time_ns, first.radius);
-        Self { id, label, epoch_ns, radius, last: 0.0, sign: 0.0, window: Window::default(), watch }
+        Self { id, label, epoch_ns, radius, last: 0.0, sign: 0.0, contact: 0, window: Window::default(), watch }
     }
 
     /// Seconds since the track's time zero.

@@ -1,0 +1,72 @@
+# Everything happens in .venv and target; nothing else on the machine is touched.
+PYTHON ?= python3
+BIN := .venv/bin
+SOURCES := $(shell find rust/src -name '*.rs') Cargo.toml Cargo.lock pyproject.toml
+EXTENSION = $(shell sed -n 's/^module-name = "\(.*\)"/\1/p' pyproject.toml)
+
+export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
+export VIRTUAL_ENV := $(CURDIR)/.venv
+export PATH := $(CURDIR)/$(BIN):$(PATH)
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+unexport CONDA_PREFIX PYTHONPATH PYTHONHOME
+
+.PHONY: help demo test test-rust test-python bench measures lint format clean
+
+help:  ## what can be made
+	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 20
+
+demo: .venv/.installed  ## build, install into .venv, and watch six throws over a floor and a box of glass
+	@physinc run demo
+
+test: test-rust test-python  ## every test, Rust's and Python's
+
+test-rust:
+	cargo test --locked
+
+test-python: .venv/.installed
+	python -m pytest
+
+bench: .venv/.bench  ## time: a frame and a position beside memcpy, numpy and OpenCV
+	cargo bench --locked --bench speed
+	python benches/numpy_chain.py
+
+measures: .venv/.tools  ## accuracy of simulated scenes, against their truth
+	cargo bench --locked --bench accuracy
+
+lint: .venv/.installed  ## formats, clippy, ruff, mypy and stubtest; warnings are errors
+	cargo fmt --check
+	cargo fmt --check --manifest-path rust/nostd/Cargo.toml
+	cargo clippy --locked --all-targets -- -D warnings
+	cargo clippy --locked --lib --no-default-features -- -D warnings
+	cargo clippy --locked --lib --features python -- -D warnings
+	ruff check
+	ruff format --check
+	mypy
+	python -m mypy.stubtest $(EXTENSION)
+
+format: .venv/.tools  ## format Rust and Python
+	cargo fmt
+	ruff format
+	ruff check --fix
+
+clean:  ## remove .venv and target
+	cargo clean
+	rm -rf .venv
+
+.venv/.python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { echo 'physinc needs Python 3.10 or newer: make PYTHON=python3.12 …' >&2; exit 1; }
+	$(PYTHON) -m venv .venv
+	@touch $@
+
+.venv/.tools: .venv/.python requirements-dev.txt
+	python -m pip install --quiet --requirement requirements-dev.txt
+	@touch $@
+
+.venv/.bench: .venv/.installed requirements-bench.txt
+	python -m pip install --quiet --requirement requirements-bench.txt
+	@touch $@
+
+# Python's own sources are linked, not copied: only Rust is built anew.
+.venv/.installed: .venv/.tools $(SOURCES)
+	maturin develop --release --locked
+	@touch $@

@@ -1,0 +1,151 @@
+//! Who may use whom: the layers of CONTRIBUTING.md, held by reading the paths that `rust/src` names.
+
+use std::path::{Path, PathBuf};
+use std::{fs, io};
+
+/// What every module may use.
+const COMMON: &[&str] = &["time", "error", "config", "event", "math"];
+
+/// Each other module, and which it may use beside [`COMMON`] and itself.
+const LAYERS: &[(&str, &[&str])] = &[
+    ("kinect", &[]),
+    ("stream", &["kinect"]),
+    ("geometry", &[]),
+    ("detect", &["geometry"]),
+    ("physics", &["geometry"]),
+    ("track", &["geometry", "detect", "physics"]),
+    ("scene", &["geometry", "physics", "track"]),
+    ("seeing", &["kinect", "stream", "geometry", "detect", "physics", "track", "scene"]),
+    ("reasoning", &["kinect", "stream", "geometry", "detect", "physics", "track", "scene"]),
+    ("engine", &["kinect", "stream", "geometry", "detect", "physics", "track", "scene", "seeing", "reasoning"]),
+    // What it hands on are images and measurements.
+    ("source", &["kinect", "stream", "geometry", "config_file", "seeing", "track", "sim"]),
+    ("config_file", &["geometry"]),
+    ("run", &["geometry", "engine", "reasoning", "seeing", "source"]),
+    // Never an estimator: it makes what estimators are judged by.
+    ("sim", &["geometry", "kinect"]),
+    (
+        "python",
+        &[
+            "kinect",
+            "stream",
+            "geometry",
+            "detect",
+            "physics",
+            "track",
+            "scene",
+            "seeing",
+            "reasoning",
+            "engine",
+            "source",
+            "sim",
+            "run",
+            "config_file",
+        ],
+    ),
+];
+
+/// What a module may use beside itself; `None` where it stands in no layer.
+fn allowed(module: &str) -> Option<Vec<&'static str>> {
+    if COMMON.contains(&module) {
+        // `config` asks the camera whether a pose is rigid.
+        return Some([COMMON, &["geometry"]].concat());
+    }
+    LAYERS.iter().find(|(name, _)| *name == module).map(|(_, below)| [COMMON, *below].concat())
+}
+
+/// The modules that code names: `crate::x` anywhere, and each of a group `crate::{x::y, z}`. Comments and the tests at a file's end don't count.
+fn used_modules(text: &str) -> Vec<String> {
+    let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or(text);
+    let code: Vec<_> = code.lines().filter(|line| !line.trim_start().starts_with("//")).collect();
+    code.join("\n")
+        .split("crate::")
+        .skip(1)
+        .flat_map(|path| path.strip_prefix('{').map_or_else(|| vec![first_word(path)], |group| heads(group)))
+        .collect()
+}
+
+fn first_word(path: &str) -> String {
+    path.trim_start().chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect()
+}
+
+/// The first words of a group's items, up to its closing brace.
+fn heads(group: &str) -> Vec<String> {
+    let (mut depth, mut heads, mut item) = (0, Vec::new(), String::new());
+    for c in group.chars() {
+        depth += i32::from(c == '{') - i32::from(c == '}');
+        match c {
+            ',' if depth == 0 => heads.push(first_word(&std::mem::take(&mut item))),
+            '}' if depth < 0 => break,
+            _ => item.push(c),
+        }
+    }
+    heads.push(first_word(&item));
+    heads
+}
+
+/// Uses in the file `path` (relative to `rust/src`) that its layer may not.
+fn violations(path: &str, text: &str) -> Vec<String> {
+    let module = first_word(path);
+    if module == "lib" {
+        return Vec::new();
+    }
+    let Some(allowed) = allowed(&module) else {
+        return vec![format!("{path}: {module} stands in no layer")];
+    };
+    let is_module = |name: &str| COMMON.contains(&name) || LAYERS.iter().any(|(module, _)| *module == name);
+    used_modules(text)
+        .into_iter()
+        .filter(|used| is_module(used) && *used != module && !allowed.contains(&used.as_str()))
+        .map(|used| format!("{path}: {module} may not use {used}"))
+        .collect()
+}
+
+fn sources(folder: &Path, found: &mut Vec<PathBuf>) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        if path.is_dir() {
+            sources(&path, found)?;
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn modules_use_only_the_layers_below_them() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("rust/src");
+    let mut files = Vec::new();
+    sources(&root, &mut files).expect("the sources are there");
+    assert!(files.len() > 5);
+    let wrong: Vec<_> = files
+        .iter()
+        .flat_map(|file| {
+            let path = file.strip_prefix(&root).expect("below the root").to_string_lossy();
+            violations(&path, &fs::read_to_string(file).expect("readable"))
+        })
+        .collect();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn a_forbidden_use_is_seen_in_every_spelling() {
+    for line in [
+        "use crate::scene::X;",
+        "use crate::{math::Vec3, scene};",
+        "let a = crate::scene::f();",
+        "use crate::{\n    math::{a, b},\n    scene::{c},\n};",
+    ] {
+        assert_eq!(violations("detect/sphere.rs", line), ["detect/sphere.rs: detect may not use scene"], "{line}");
+    }
+    assert_eq!(violations("sim/body.rs", "use crate::physics::laws;").len(), 1);
+    assert_eq!(violations("magic.rs", "").len(), 1, "a module without a layer");
+}
+
+#[test]
+fn a_permitted_use_passes() {
+    let code =
+        "use crate::{geometry::camera::Camera, math};\n// crate::scene\nuse crate::detect::x;\n#[cfg(test)]\nmod tests { use crate::sim; }";
+    assert_eq!(violations("detect/sphere.rs", code), Vec::<String>::new());
+}

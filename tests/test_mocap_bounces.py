@@ -1,0 +1,104 @@
+"""The readers of examples/mocap_bounces.py, on a few lines in each format; and the whole of it on real data, where that is."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+import physinc
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+ROOT = Path(__file__).parent.parent
+DATA = Path(os.environ.get("PHYSINC_DATA", ROOT.parent / "shared" / "data")) / "jugglebot-mocap"
+
+
+@pytest.fixture(scope="module")
+def mocap() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("mocap_bounces", ROOT / "examples" / "mocap_bounces.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def tsv(rows: list[list[object]]) -> str:
+    """Three markers, of which the first has a name."""
+    header = [
+        ["NO_OF_FRAMES", len(rows)],
+        ["NO_OF_MARKERS", 3],
+        ["FREQUENCY", 300],
+        ["MARKER_NAMES", "base_1", "", ""],
+        ["Frame", "Time", "base_1 X", "base_1 Y", "base_1 Z", " X", " Y", " Z", " X", " Y", " Z", ""],
+    ]
+    return "".join("\t".join(map(str, line)) + "\r\n" for line in header + rows)
+
+
+def test_tsv_leaves_out_named_markers_and_missing_samples(mocap: ModuleType, tmp_path: Path) -> None:
+    path = tmp_path / "a.tsv"
+    path.write_text(
+        tsv([[1, 0.0, 1, 2, 3, 10, 20, 30, "0.000", "0.000", "0.000"], [4, 0.01, 1, 2, 3, 11, 0, 31, -5, 6, 7]]),
+        newline="",
+    )
+    recording = mocap.read(path)
+    assert recording.frequency == 300
+    assert recording.samples == [
+        (1, 2, (0.010, 0.020, 0.030)),
+        (4, 2, (0.011, 0.0, 0.031)),
+        (4, 3, (-0.005, 0.006, 0.007)),
+    ]
+
+
+def test_json_joins_parts_and_merges_markers_by_frame(mocap: ModuleType, tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    first = {"Parts": [{"Range": {"Start": 3, "End": 4}, "Values": [[1, 2, 3, 0.1], [4, 5, 6, 0.1]]}]}
+    gap = {"Range": {"Start": 9, "End": 9}, "Values": [[7, 8, 9, 0.2]]}
+    second = {"Parts": [{"Range": {"Start": 2, "End": 2}, "Values": [[10, 0, 0, 0.3]]}, gap]}
+    path.write_text(json.dumps({"Timebase": {"Frequency": 300.0}, "Markers": [first, second]}))
+    recording = mocap.read(path)
+    assert [(sample.frame, sample.track) for sample in recording.samples] == [(2, 2), (3, 1), (4, 1), (9, 2)]
+    assert recording.samples[-1].center == (0.007, 0.008, 0.009)
+    stamps = [balls[0].timestamp_ns for balls in recording.positions()]
+    assert stamps == [6_666_667, 10_000_000, 13_333_333, 30_000_000]
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("empty.tsv", ""),
+        ("foreign.tsv", "a,b\n1,2\n"),
+        ("cut.tsv", tsv([[1, 0.0, 1, 2, 3, 10]])),
+        ("empty.json", ""),
+        ("list.json", "[]"),
+        ("cut.json", '{"Timebase": {"Frequency": 300}, "Markers": [{"Parts": [{"Values": [[1]]}]}]}'),
+    ],
+)
+def test_what_is_no_export_is_an_error_that_names_the_file(mocap: ModuleType, tmp_path: Path, name: str, text: str) -> None:
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(physinc.RecordingError, match=name):
+        mocap.read(path)
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason=f"no real recordings at {DATA} (PHYSINC_DATA names their folder)")
+@pytest.mark.parametrize("name", ["session7.json", "3_throws_tracking_lost_on_each.tsv", "6_throws_minimal_tracking_loss.tsv"])
+def test_real_throws_show_a_level_floor_and_gravity(name: str) -> None:
+    command = [sys.executable, ROOT / "examples" / "mocap_bounces.py", DATA / name]
+    run = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+    assert run.returncode == 0, run.stderr
+    lines = run.stdout.splitlines()
+    surfaces = [line.split() for line in lines if line.startswith("surface")]
+    floor = max(surfaces, key=lambda words: int(words[2]))
+    assert float(floor[-1].removesuffix("°")) < 2.0, run.stdout
+    gravity = next(line.split() for line in lines if line.startswith("gravity"))
+    assert float(gravity[1]) == pytest.approx(9.81, abs=0.2), run.stdout
