@@ -20,14 +20,29 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("timeline", &[]),
     ("engine", &["timeline", "kinect", "stream", "geometry", "detect", "physics", "track", "scene", "seeing", "reasoning"]),
     // What it hands on are images and measurements.
-    ("source", &["kinect", "stream", "geometry", "config_file", "seeing::Image", "track::Measurement", "sim"]),
+    ("source", &["kinect", "stream", "geometry", "config_file", "seeing", "track", "sim"]),
     ("config_file", &["geometry"]),
-    ("run", &["geometry", "engine", "seeing::Image", "track::Measurement", "source", "sim"]),
+    ("run", &["geometry", "engine", "reasoning", "seeing", "source"]),
     // Never an estimator: it makes what estimators are judged by.
     ("sim", &["geometry", "kinect"]),
     (
         "python",
-        &["geometry", "detect", "physics", "track", "scene", "seeing", "reasoning", "engine", "source", "sim", "run", "config_file"],
+        &[
+            "kinect",
+            "stream",
+            "geometry",
+            "detect",
+            "physics",
+            "track",
+            "scene",
+            "seeing",
+            "reasoning",
+            "engine",
+            "source",
+            "sim",
+            "run",
+            "config_file",
+        ],
     ),
 ];
 
