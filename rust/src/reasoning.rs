@@ -26,6 +26,8 @@ const LOST: f64 = 0.25;
 const LEFT: f64 = 0.2;
 /// One that hides behind or within another may do so for this long, s.
 const HIDDEN: f64 = 0.6;
+/// A flight tells of the tracker's noise from this long after its beginning, s.
+const SETTLED: f64 = 0.1;
 
 /// Positions to events. It opens nothing, reads no clock and allocates nothing.
 #[derive(Debug)]
@@ -145,7 +147,13 @@ impl Reasoning {
 
     fn begin(&mut self, m: &Measurement, sink: &mut dyn FnMut(Event)) -> Option<usize> {
         if self.tracks.is_full() {
-            return None;
+            // There is room for so many: the one that was silent for longest goes.
+            let silence = |t: &Track| t.seconds(m.time_ns) - t.last;
+            let quietest = (0..self.tracks.len()).max_by(|&i, &j| silence(&self.tracks[i]).total_cmp(&silence(&self.tracks[j])))?;
+            if silence(&self.tracks[quietest]) < LOST {
+                return None;
+            }
+            self.end(quietest, TrackReason::Lost, sink);
         }
         self.last_track += 1;
         let laws = &self.config.laws;
@@ -268,7 +276,8 @@ impl Reasoning {
     fn learn(&mut self, place: usize, law: &FreeFallWithDrag, flight: &Flight, since: f64, until: f64, sink: &mut dyn FnMut(Event)) {
         let Some(track) = self.tracks.get(place) else { return };
         let samples = between(track.samples(), since, until);
-        self.noise.learn(flight, law, samples);
+        // Just after an impact a ball swings.
+        self.noise.learn(flight, law, between(samples, since + SETTLED, until));
         let Some((information, vector)) = flight.gravity_information(law, samples) else { return };
         // A throw, a catch or a piece of one frame may pass for a flight; gravity does not change.
         if self.gravity.size.is_some() && self.gravity.disagreement(&information, &vector) > 30.0 {
@@ -279,7 +288,7 @@ impl Reasoning {
         }
         self.measured.0.learn(&information, &vector);
         self.measured.1 += 1;
-        let Some(covariance) = self.measured.0.information.try_inverse().filter(|_| self.camera.is_some()) else { return };
+        let Some(covariance) = self.measured.0.information.try_inverse() else { return };
         let to_camera = self.pose.rotation.transpose();
         let g = to_camera * self.measured.0.mean;
         let told = event::CameraOrientation {

@@ -1,7 +1,7 @@
 //! Which law a track obeys at the moment, and what happened where it stopped obeying: a wild frame, a contact, support by a
 //! surface, or something that no law explains.
 
-use crate::math::{Mat3, Vec3, sqrt};
+use crate::math::{Mat3, Vec3, exp, sqrt};
 use crate::physics::contact::{Contact, RESTITUTION, Solver};
 use crate::physics::flight::{Flight, Prediction};
 use crate::physics::gravity::Gravity;
@@ -17,14 +17,17 @@ pub const AFTER_SIDE: f64 = 0.27;
 const BEFORE_SIDE: f64 = 0.5;
 /// A contact hides in a gap no longer than this, s: 150 ms and the frames beside it.
 const LONGEST_BRIDGE: f64 = 0.2;
-/// Fewer measurements than these behind a contact tell nothing: how many, and over which time (s).
-const AFTER_CONTACT: (usize, f64) = (2, 0.02);
+/// A contact needs measurements on both sides, and over some time (s): before it more, unless another contact began that flight.
+const BEFORE_CONTACT: (usize, f64) = (3, 0.06);
+const AFTER_CONTACT: (usize, f64) = (2, 0.03);
 /// What has no explanation after this, s, gets none.
 const PATIENCE: f64 = 0.12;
 /// Impulses smaller than this are none, m/s.
 const SMALLEST_IMPULSE: f64 = 0.4;
 /// How much of a supported object's acceleration friction may cause, m/s² (standard deviation).
 const FRICTION: f64 = 1.5;
+/// A real ball swings after an impact, m per m/s of impulse, and for so long, s. (A simulated one doesn't.)
+const SWING: (f64, f64) = (6e-4, 0.1);
 
 /// What surrounds a motion: the same for all tracks of a stream.
 #[derive(Clone, Copy)]
@@ -116,7 +119,10 @@ impl Motion {
             self.restart(Phase::Flying, sample.t);
         }
         let alarm = match (self.phase, self.predict(around, sample.t)) {
-            (Phase::Flying | Phase::Supported, Some(prediction)) => self.test.test(&prediction, &sample.position, &covariance(&sample)),
+            (Phase::Flying | Phase::Supported, Some(prediction)) => {
+                let swing = Mat3::from_diagonal_element(self.swing(sample.t) * self.swing(sample.t));
+                self.test.test(&prediction, &sample.position, &(covariance(&sample) + swing))
+            }
             _ => None,
         };
         window.push(sample);
@@ -156,6 +162,14 @@ impl Motion {
         (self.phase, self.since, self.fit) = (phase, since, None);
     }
 
+    /// How far the ball may still swing from its last impact, m.
+    fn swing(&self, t: f64) -> f64 {
+        self.pending.as_ref().map_or(0.0, |p| {
+            let impulse = (p.contact.after - p.contact.before).norm();
+            SWING.0 * impulse * exp((p.contact.time - t) / SWING.1)
+        })
+    }
+
     /// After a long gap: the object is still where its law puts it.
     fn survives(&self, sample: &Sample, around: &Surroundings) -> bool {
         self.phase == Phase::Flying
@@ -184,11 +198,22 @@ impl Motion {
             self.phase = Phase::Flying;
             return self.refit(window, around);
         }
+        let whole = between(window.samples(), self.since, f64::INFINITY);
+        let carried = || supported(whole).filter(|f| f.chi2 < limit(f.dof()));
+        if count >= AFTER_CONTACT.0
+            && last.t - self.since >= PATIENCE
+            && let Some(fit) = carried()
+        {
+            // It never flew: it was held, or lay, and a few samples of that pass for a flight.
+            self.restart(Phase::Supported, self.since);
+            self.fit = Some(fit);
+            return;
+        }
         if count >= AFTER_CONTACT.0 && last.t - first.t >= AFTER_CONTACT.1 {
             if let Some(contact) = self.revised(window, around) {
                 return self.touch(contact, true, window, around, findings);
             }
-            if let Some(contact) = best_contact(window.samples(), self.since, at, around) {
+            if let Some(contact) = best_contact(window.samples(), self.since, at, self.chained(), around) {
                 self.settle(window, contact.time, around, findings);
                 self.land(window, contact.time, around, findings);
                 return self.touch(contact, false, window, around, findings);
@@ -215,7 +240,12 @@ impl Motion {
             let young = between(window.samples(), self.since, f64::INFINITY);
             young.len() <= 8 && young.last().is_some_and(|s| s.t - p.contact.time < AFTER_SIDE)
         })?;
-        best_contact(window.samples(), pending.since, self.since, around)
+        best_contact(window.samples(), pending.since, self.since, true, around)
+    }
+
+    /// The present flight began with a contact.
+    fn chained(&self) -> bool {
+        self.pending.is_some()
     }
 
     fn touch(&mut self, contact: Contact, again: bool, window: &Window, around: &Surroundings, findings: &mut Findings) {
@@ -234,7 +264,7 @@ impl Motion {
         let split = samples.partition_point(|s| s.t <= contact.time);
         let normal = (around.normal_at)(&contact);
         let solver = Solver { law: around.law, gravity: around.gravity, duration: around.duration };
-        let last = solver.solve(samples, split, normal.as_ref()).filter(|c| plausible(c) && admissible(c));
+        let last = solver.solve(samples, split, normal.as_ref()).and_then(|c| plausible(c, samples)).filter(admissible);
         let _ = findings.push(Finding::Settled(last.unwrap_or(contact)));
     }
 
@@ -282,9 +312,22 @@ fn limit(dof: f64) -> f64 {
     1.5 * (dof + 3.7 * sqrt(2.0 * dof.max(1.0)) + 7.0)
 }
 
-fn plausible(contact: &Contact) -> bool {
-    let count = (contact.counts[0] + contact.counts[1]) as f64;
-    contact.counts[0] >= 2 && contact.counts[1] >= AFTER_CONTACT.0 && contact.chi2 < limit(3.0 * count - 10.0)
+/// The contact, if it explains its samples: as well as their noise lets it, or with an error that is small beside the impact; then
+/// its covariance is as much larger.
+fn plausible(mut contact: Contact, samples: &[Sample]) -> Option<Contact> {
+    let dof = 3.0 * (contact.counts[0] + contact.counts[1]) as f64 - 10.0;
+    if contact.counts[0] < 2 || contact.counts[1] < AFTER_CONTACT.0 {
+        return None;
+    }
+    if contact.chi2 < limit(dof) {
+        return Some(contact);
+    }
+    let excess = contact.chi2 / dof.max(1.0);
+    let precision = samples.iter().map(|s| s.weight.trace() / 3.0).sum::<f64>() / samples.len() as f64;
+    let swing = SWING.0 * (contact.after - contact.before).norm();
+    contact.covariance *= excess;
+    contact.time_sd *= sqrt(excess);
+    (excess / precision < swing * swing).then_some(contact)
 }
 
 /// A passive ball on a passive surface: pushed against its motion, and not faster afterwards.
@@ -301,17 +344,21 @@ fn admissible(contact: &Contact) -> bool {
 
 /// The best contact between the flight that began at `since` and the samples from about `at` on: the doubt may have come a frame
 /// late, and the frame in doubt may have been the last before.
-fn best_contact(samples: &[Sample], since: f64, at: f64, around: &Surroundings) -> Option<Contact> {
+fn best_contact(samples: &[Sample], since: f64, at: f64, chained: bool, around: &Surroundings) -> Option<Contact> {
     let samples = between(samples, since.max(at - BEFORE_SIDE), at + AFTER_SIDE);
     let split = samples.partition_point(|s| s.t < at);
     let solver = Solver { law: around.law, gravity: around.gravity, duration: around.duration };
+    let proven = |before: &[Sample]| match before {
+        [first, .., last] => chained || (before.len() >= BEFORE_CONTACT.0 && last.t - first.t >= BEFORE_CONTACT.1),
+        _ => false,
+    };
     let score = |c: &Contact| c.chi2 - 3.0 * (c.counts[0] + c.counts[1]) as f64;
     (split.saturating_sub(2)..=(split + 1).min(samples.len().saturating_sub(AFTER_CONTACT.0)))
-        .filter(|&k| k >= 2 && samples[k].t - samples[k - 1].t < LONGEST_BRIDGE)
+        .filter(|&k| proven(&samples[..k]) && samples[k].t - samples[k - 1].t < LONGEST_BRIDGE)
         .filter_map(|k| {
-            let contact = solver.solve(samples, k, None)?;
+            let contact = plausible(solver.solve(samples, k, None)?, samples)?;
             let inside = contact.time > samples[k - 1].t - around.duration - 2e-3 && contact.time < samples[k].t + 2e-3;
-            (inside && plausible(&contact) && admissible(&contact)).then_some(contact)
+            (inside && admissible(&contact)).then_some(contact)
         })
         .min_by(|a, b| score(a).total_cmp(&score(b)))
 }

@@ -69,7 +69,7 @@ impl Noise {
             self.neighbours += previous.map_or(0.0, |p| p.dot(&residual));
             previous = Some(residual);
         }
-        self.dof += flight.dof().max(0.0);
+        self.dof += (flight.dof() * samples.len() as f64 / flight.count as f64).max(0.0);
     }
 
     /// Standard deviation to weigh with. Residuals that follow each other carry less information than their number says: the
