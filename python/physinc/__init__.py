@@ -1,12 +1,10 @@
 """physinc watches a depth camera and reports what *happened*, physically.
 
-    import physinc
-    for event in physinc.stream("demo"):
-        match event:
-            case physinc.Contact(point=point, normal=normal): ...
+import physinc
+for event in physinc.stream("demo"):
+    match event:
+        case physinc.Contact(point=point, normal=normal): ...
 """
-
-from typing import TypeAlias
 
 from ._physinc import (
     Above,
@@ -47,21 +45,8 @@ from .errors import (
     RecordingNotFoundError,
     StreamTimeoutError,
 )
+from .event import Event
 from .streaming import stream
-
-Event: TypeAlias = (
-    StreamStarted
-    | Position
-    | TrackStarted
-    | TrackEnded
-    | Inconsistency
-    | Contact
-    | Surface
-    | CameraOrientation
-    | Gap
-    | StreamEnded
-)
-"""Any event."""
 
 __all__ = [
     "Above",

@@ -20,8 +20,8 @@ from .streaming import open_named
 app = App(
     name="physinc",
     version=__version__,
-    help="""Watch a depth camera, or a ball's trajectory, and tell what happened, physically: where a ball bounced, off which surfaces, even those
-    that the camera can't see.
+    help="""Watch a depth camera, or a ball's trajectory, and tell what happened, physically: where a ball bounced,
+    off which surfaces, even those that the camera can't see.
 
     Try `physinc run demo`: a ball is thrown over a floor and a box of glass.
 
@@ -122,8 +122,8 @@ def simulate(scene: str, out: Path, /) -> int:
     Parameters
     ----------
     scene
-        bounce (six throws over a floor and a box that the camera can't see), room, two_balls, passive_flight, drop or roll, with keys, if any, as
-        in "bounce?seed=3&distance=2".
+        bounce (six throws over a floor and a box that the camera can't see), room, two_balls, passive_flight, drop or roll,
+        with keys, if any, as in "bounce?seed=3&distance=2".
     out
         The recording. `physinc run OUT.npz` tells what happens in it.
     """

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.table import Table
 
 from . import _physinc as p
+from .event import Event
 
 
 class Narration:
@@ -20,12 +19,12 @@ class Narration:
         self.console = console or Console(highlight=False, soft_wrap=True)
         self.start_ns = 0
         self.surfaces: dict[int, p.Surface] = {}
-        self.restitutions: dict[int | None, list[float]] = defaultdict(list)
+        self.restitutions: list[tuple[int, float]] = []
         self.orientation: p.CameraOrientation | None = None
         self.bounces = self.lost = 0
         self.ended: p.StreamEnded | None = None
 
-    def tell(self, event: p.Event) -> None:
+    def tell(self, event: Event) -> None:
         """Print `event` if people want to read it, and keep what the end will need."""
         match event:
             case p.StreamStarted():
@@ -37,8 +36,8 @@ class Narration:
                 self._line(event.time_ns, _bounce(event))
                 if event.final:
                     self.bounces += 1
-                    if event.restitution is not None:
-                        self.restitutions[event.surface].append(event.restitution)
+                    if event.restitution is not None and event.surface is not None:
+                        self.restitutions.append((event.surface, event.restitution))
             case p.Surface():
                 self.surfaces[event.id] = event
             case p.CameraOrientation():
@@ -53,8 +52,8 @@ class Narration:
     def close(self, busy: float) -> None:
         """Print what was found; the engine worked for `busy` seconds."""
         surfaces = [surface for surface in self.surfaces.values() if surface.merged_into is None]
-        if surfaces:
-            self.console.print(self._table(surfaces))
+        for surface in surfaces:
+            self.console.print(self._surface(surface))
         if self.orientation is not None:
             roll, pitch = math.degrees(self.orientation.roll), math.degrees(self.orientation.pitch)
             size = float(np.linalg.norm(self.orientation.gravity_in_camera))
@@ -66,25 +65,39 @@ class Narration:
             dropped = f", {counters.frames_dropped} not used" if counters.frames_dropped else ""
             reason = "" if self.ended.reason == "end_of_source" else f" ({self.ended.reason})"
             frames = f"{counters.frames} frames, {self.lost} lost{dropped}{rate}"
-            self.console.print(f"{self.bounces} bounces, {len(surfaces)} surfaces; {frames}{reason}")
+            self.console.print(f"{_count(self.bounces, 'bounce')}, {_count(len(surfaces), 'surface')}; {frames}{reason}")
 
     def _line(self, time_ns: int, text: str) -> None:
         self.console.print(f"{(time_ns - self.start_ns) * 1e-9:9.4f} s  {text}")
 
-    def _table(self, surfaces: list[p.Surface]) -> Table:
-        names = {surface.id: surface.name or str(surface.id) for surface in self.surfaces.values()}
-        table = Table("surface", "height", "tilt", "normal", "bounces", "restitution", title="surfaces", title_justify="left")
-        for surface in surfaces:
-            restitutions = self.restitutions[surface.id]
-            table.add_row(
-                names[surface.id],
-                _height(surface, names),
-                "?" if surface.tilt is None else f"{math.degrees(surface.tilt):.2f}{_sd(surface.tilt_sd, 180 / math.pi, 2)}°",
-                _vector(surface.normal, 3),
-                str(surface.contacts),
-                f"{np.mean(restitutions):.3f}" if restitutions else "",
-            )
-        return table
+    def _surface(self, surface: p.Surface) -> str:
+        parts = [f"[bold]{self._name(surface.id)}[/]"]
+        if surface.above is not None:
+            height = f"{surface.above.height * 1e3:.2f}{_sd(surface.above.sd, 1e3, 2)}"
+            parts.append(f"{height} mm above {self._name(surface.above.surface)}")
+        if surface.outline is not None and len(surface.outline):
+            center = np.mean(surface.outline, axis=0)
+            # How well the plane is known there, along its normal.
+            across = np.append(center, -1.0)
+            sd = None if surface.covariance is None else math.sqrt(max(across @ surface.covariance @ across, 0.0))
+            parts.append(f"around {_vector(center, 4)}{_sd(sd, 1e3, 2)}{'' if sd is None else ' mm'}")
+        parts.append(f"normal {_vector(surface.normal, 3)}")
+        if surface.tilt is not None:
+            parts.append(f"tilt {math.degrees(surface.tilt):.2f}{_sd(surface.tilt_sd, 180 / math.pi, 2)}°")
+        restitutions = [e for contact, e in self.restitutions if self._merged(contact) == surface.id]
+        if restitutions:
+            parts.append(f"restitution {np.mean(restitutions):.3f}")
+        parts.append(_count(surface.contacts, "bounce"))
+        return ", ".join(parts)
+
+    def _name(self, surface: int) -> str:
+        known = self.surfaces.get(surface)
+        return known.name if known is not None and known.name else f"surface {surface}"
+
+    def _merged(self, surface: int) -> int:
+        """Return what became of `surface`."""
+        known = self.surfaces.get(surface)
+        return surface if known is None or known.merged_into is None else self._merged(known.merged_into)
 
 
 def _bounce(contact: p.Contact) -> str:
@@ -99,14 +112,6 @@ def _bounce(contact: p.Contact) -> str:
     return f"[bold]bounce[/] of ball {contact.track} at {where}{speeds}{normal}{restitution}{surface}{early}"
 
 
-def _height(surface: p.Surface, names: dict[int, str]) -> str:
-    if surface.above is not None:
-        below = names.get(surface.above.surface, str(surface.above.surface))
-        return f"{surface.above.height * 1e3:.2f}{_sd(surface.above.sd, 1e3, 2)} mm above {below}"
-    sd = None if surface.covariance is None else math.sqrt(max(surface.covariance[3, 3], 0.0))
-    return f"{surface.offset * 1e3:.2f}{_sd(sd, 1e3, 2)} mm"
-
-
 def _point(center: NDArray[np.float64], covariance: NDArray[np.float64] | None) -> str:
     sd = None if covariance is None else math.sqrt(max(np.trace(covariance) / 3, 0.0))
     return f"{_vector(center, 4)}{_sd(sd, 1e3, 1)}{'' if sd is None else ' mm'}"
@@ -118,3 +123,7 @@ def _vector(v: NDArray[np.float64], digits: int) -> str:
 
 def _sd(sd: float | None, scale: float, digits: int) -> str:
     return "" if sd is None else f" ± {sd * scale:.{digits}f}"
+
+
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun}{'' if n == 1 else 's'}"

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ._physinc import Position, Stream, open, open_iterable  # noqa: A004
+from ._physinc import Position, Stream, open_iterable, open_source
 from .config import CameraConfig, Config
 from .errors import ConfigError
 
@@ -41,8 +41,8 @@ def stream(
     `source` is `"demo"`, the path of an `*.npz` (depth frames) or `*.csv` (positions), `"-"` (a CSV on stdin), or an iterable of
     `(timestamp_ns, depth)` or `Position`. Left out it is a live Kinect, which this version can't read yet.
 
-    `config` is the path of a TOML file, a dict of the same shape, or a `Config`; `camera` likewise a camera file, a dict or a `CameraConfig`,
-    which wins over the file beside a recording.
+    `config` is the path of a TOML file, a dict of the same shape, or a `Config`; `camera` likewise a camera file, a dict or a
+    `CameraConfig`, which wins over the file beside a recording.
 
     With `positions` every position is told, with `provisional` also events that a later one will replace.
     After `timeout` seconds without input `StreamTimeoutError` is raised (`None`: wait as long as it takes); iterables are waited for.
@@ -74,7 +74,7 @@ def open_named(
 ) -> Stream:
     """Open a source by name, as the command line does: at most `frames` inputs, and `duration` seconds of them."""
     name = os.fspath(source)
-    return open(
+    return open_source(
         str(DEMO) if name == "demo" else name,
         name=name,
         config=config,

@@ -17,16 +17,32 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("scene", &["geometry", "physics", "track"]),
     ("seeing", &["kinect", "stream", "geometry", "detect", "physics", "track", "scene"]),
     ("reasoning", &["kinect", "stream", "geometry", "detect", "physics", "track", "scene"]),
-    ("engine", &["kinect", "stream", "geometry", "detect", "physics", "track", "scene", "seeing", "reasoning"]),
+    ("timeline", &[]),
+    ("engine", &["timeline", "kinect", "stream", "geometry", "detect", "physics", "track", "scene", "seeing", "reasoning"]),
     // What it hands on are images and measurements.
-    ("source", &["kinect", "stream", "geometry", "config_file", "seeing::Image", "track::Measurement"]),
+    ("source", &["kinect", "stream", "geometry", "config_file", "seeing", "track", "sim"]),
     ("config_file", &["geometry"]),
-    ("run", &["geometry", "engine", "seeing::Image", "track::Measurement", "source", "sim"]),
+    ("run", &["geometry", "engine", "reasoning", "seeing", "source"]),
     // Never an estimator: it makes what estimators are judged by.
     ("sim", &["geometry", "kinect"]),
     (
         "python",
-        &["geometry", "detect", "physics", "track", "scene", "seeing", "reasoning", "engine", "source", "sim", "run", "config_file"],
+        &[
+            "kinect",
+            "stream",
+            "geometry",
+            "detect",
+            "physics",
+            "track",
+            "scene",
+            "seeing",
+            "reasoning",
+            "engine",
+            "source",
+            "sim",
+            "run",
+            "config_file",
+        ],
     ),
 ];
 

@@ -26,7 +26,8 @@ impl From<SourceError> for PyErr {
             SourceError::Unreadable { .. }
             | SourceError::Unsupported { .. }
             | SourceError::Malformed { .. }
-            | SourceError::Empty { .. } => RecordingError::new_err(message),
+            | SourceError::Empty { .. }
+            | SourceError::Image(_) => RecordingError::new_err(message),
         }
     }
 }

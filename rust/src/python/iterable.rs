@@ -45,7 +45,7 @@ impl Iterable {
         let Some(item) = item else {
             let reason = if interrupted { EndReason::Interrupted } else { EndReason::EndOfSource };
             let Some(run) = &mut self.run else { return Err(RecordingError::new_err(format!("the iterable is empty: {EXPECTED}"))) };
-            return Ok(Some(Step::of(run, |run, sink| run.end(reason, sink))));
+            return Ok(Some(Step::end(run, reason)));
         };
         if let Ok(position) = item.cast::<Position>() {
             return self.positions(std::slice::from_ref(position)).map(Some);
@@ -109,9 +109,7 @@ impl Iterable {
                 _ => format!("frames and positions can't be mixed: {EXPECTED}"),
             }));
         }
-        let mut outcome = Ok(());
-        let step = Step::of(run, |run, sink| outcome = run.push(input, sink));
-        outcome.map(|()| step).map_err(|error| PyValueError::new_err(error.to_string()))
+        Step::input(run, input).map_err(|error| PyValueError::new_err(error.to_string()))
     }
 
     /// The camera in force, of the first frame's size where nothing else is said.

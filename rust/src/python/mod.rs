@@ -22,7 +22,7 @@ mod _physinc {
     #[pymodule_export]
     use super::simulation::{scenes, simulate};
     #[pymodule_export]
-    use super::stream::{Stream, Track, open, open_iterable};
+    use super::stream::{Stream, Track, open_iterable, open_source};
     use pyo3::prelude::*;
 
     #[pymodule_init]

@@ -196,7 +196,7 @@ impl Track {
 #[pyfunction]
 #[pyo3(signature = (source, *, name, config, camera, positions, provisional, frames, duration, timeout))]
 #[allow(clippy::too_many_arguments)] // They are Python's.
-pub fn open(
+pub fn open_source(
     source: &str,
     name: Option<&str>,
     config: Option<&Bound<'_, PyAny>>,

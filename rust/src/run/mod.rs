@@ -64,7 +64,7 @@ impl Run {
     /// One input through the engine; its events go to `sink`. After the end nothing happens.
     ///
     /// # Errors
-    /// The image is not the camera's.
+    /// An image that is not the camera's, or not of the kind that the stream began with.
     pub fn push(&mut self, input: Input<'_>, sink: &mut dyn FnMut(Event)) -> Result<(), SeeError> {
         if self.over {
             return Ok(());

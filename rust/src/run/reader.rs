@@ -3,10 +3,10 @@
 use super::Run;
 use crate::event::{Counters, EndReason, Event};
 use crate::reasoning::Predictor;
-use crate::source::{Source, SourceError};
+use crate::seeing::SeeError;
+use crate::source::{Input, Source, SourceError};
 use std::boxed::Box;
 use std::collections::VecDeque;
-use std::format;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -29,10 +29,24 @@ pub struct Step {
 }
 
 impl Step {
-    /// Runs `advance`, which hands its events to the sink it is given.
-    pub fn of(run: &mut Run, advance: impl FnOnce(&mut Run, &mut dyn FnMut(Event))) -> Self {
+    /// One input through `run`.
+    ///
+    /// # Errors
+    /// As of [`Run::push`].
+    pub fn input(run: &mut Run, input: Input<'_>) -> Result<Self, SeeError> {
         let mut events = Vec::new();
-        advance(run, &mut |event| events.push(event));
+        run.push(input, &mut |event| events.push(event))?;
+        Ok(Self::after(run, events))
+    }
+
+    /// The end of `run`.
+    pub fn end(run: &mut Run, reason: EndReason) -> Self {
+        let mut events = Vec::new();
+        run.end(reason, &mut |event| events.push(event));
+        Self::after(run, events)
+    }
+
+    fn after(run: &Run, events: Vec<Event>) -> Self {
         Self { events, predictors: run.predictors().collect(), counters: run.counters(), busy: run.busy() }
     }
 }
@@ -73,7 +87,7 @@ impl Shared {
 
 impl State {
     fn end(&mut self, reason: EndReason) {
-        let step = Step::of(&mut self.run, |run, sink| run.end(reason, sink));
+        let step = Step::end(&mut self.run, reason);
         self.steps.push_back(step);
     }
 }
@@ -134,9 +148,7 @@ fn read(mut source: Box<dyn Source>, shared: &Shared) -> Result<(), SourceError>
         if state.outcome.is_some() {
             return Ok(());
         }
-        let mut outcome = Ok(());
-        let step = Step::of(&mut state.run, |run, sink| outcome = run.push(input, sink));
-        outcome.map_err(|error| SourceError::malformed(source.name(), format!("{error}")))?;
+        let step = Step::input(&mut state.run, input)?;
         state.steps.push_back(step);
         shared.changed.notify_all();
         if state.run.is_over() {

@@ -3,6 +3,7 @@
 use super::KINDS;
 use crate::config_file::ConfigFileError;
 use crate::error::ConfigError;
+use crate::seeing::SeeError;
 use std::io;
 use std::string::String;
 
@@ -57,6 +58,9 @@ pub enum SourceError {
     /// The camera can't be.
     #[error(transparent)]
     Camera(#[from] ConfigError),
+    /// A frame that is not its camera's.
+    #[error(transparent)]
+    Image(#[from] SeeError),
     /// A mistake in physinc.
     #[error("physinc made a mistake while reading (the panic is on stderr); please report it, with the recording if you can")]
     Panicked,

@@ -1,0 +1,587 @@
+import os
+from collections.abc import Iterable, Mapping
+from types import TracebackType
+from typing import Any, ClassVar, Literal, TypeAlias, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from typing_extensions import Self
+
+from .config import CameraConfig, Config
+
+__all__ = [
+    "Above",
+    "CameraModel",
+    "CameraOrientation",
+    "Contact",
+    "Counters",
+    "Gap",
+    "Inconsistency",
+    "Position",
+    "Stream",
+    "StreamEnded",
+    "StreamStarted",
+    "Surface",
+    "Track",
+    "TrackEnded",
+    "TrackStarted",
+    "__version__",
+    "dump_config",
+    "event_from_toml",
+    "open_iterable",
+    "open_source",
+    "scenes",
+    "simulate",
+]
+
+_Array: TypeAlias = NDArray[np.float64]
+_Config: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | Config | None
+_Camera: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | CameraConfig | None
+_TrackReason: TypeAlias = Literal["appeared", "lost", "left_view", "merged", "stream_ended"]
+
+@final
+class CameraModel:
+    """The intrinsics, px."""
+
+    @property
+    def width(self) -> int:
+        """Columns, px."""
+    @property
+    def height(self) -> int:
+        """Rows, px."""
+    @property
+    def fx(self) -> float:
+        """Focal length in columns, px."""
+    @property
+    def fy(self) -> float:
+        """Focal length in rows, px."""
+    @property
+    def cx(self) -> float:
+        """Principal point, column, px."""
+    @property
+    def cy(self) -> float:
+        """Principal point, row, px."""
+    def to_dict(self) -> dict[str, Any]:
+        """As plain Python values, the same as in JSON."""
+    def __eq__(self, other: object, /) -> bool: ...
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+
+@final
+class Above:
+    """A parallel surface below."""
+
+    @property
+    def surface(self) -> int:
+        """Its id."""
+    @property
+    def height(self) -> float:
+        """How far below, m."""
+    @property
+    def sd(self) -> float | None:
+        """Standard deviation of `height`, m."""
+    def to_dict(self) -> dict[str, Any]:
+        """As plain Python values, the same as in JSON."""
+    def __eq__(self, other: object, /) -> bool: ...
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+
+@final
+class Counters:
+    """What went through a stream."""
+
+    @property
+    def frames(self) -> int:
+        """Frames (or instants of positions) delivered by the source."""
+    @property
+    def frames_dropped(self) -> int:
+        """Of these, not used: their stamp stood still or went back."""
+    @property
+    def frames_incomplete(self) -> int:
+        """Of these, with samples missing."""
+    @property
+    def packets(self) -> int:
+        """Packets delivered by the source."""
+    @property
+    def packets_lost(self) -> int:
+        """Packets that never came."""
+    @property
+    def packets_invalid(self) -> int:
+        """Packets that made no sense."""
+    @property
+    def events(self) -> int:
+        """Events told."""
+    @property
+    def events_dropped(self) -> int:
+        """Events that a full queue swallowed (never contacts)."""
+    def to_dict(self) -> dict[str, Any]:
+        """As plain Python values, the same as in JSON."""
+    def __eq__(self, other: object, /) -> bool: ...
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+
+@final
+class StreamStarted:
+    """The stream began."""
+
+    __match_args__: ClassVar[tuple[str, ...]]
+    @property
+    def event(self) -> Literal["stream_started"]:
+        """The event's name."""
+    @property
+    def timestamp_ns(self) -> int:
+        """Stamp of the newest input that it used, ns on the stream's clock."""
+    @property
+    def track(self) -> int | None:
+        """The track, from 1; None where none or all."""
+    @property
+    def final(self) -> bool:
+        """Nothing will replace it."""
+    @property
+    def source(self) -> str:
+        """The source, as it was named."""
+    @property
+    def camera(self) -> CameraModel | None:
+        """The camera; `None` for positions."""
+    @property
+    def world_from_camera(self) -> _Array:
+        """The pose that fixes the stream's world, 4×4."""
+    def to_dict(self) -> dict[str, Any]:
+        """As plain Python values, the same as in JSON."""
+    def to_json(self) -> str:
+        """As one line of JSON."""
+    def __eq__(self, other: object, /) -> bool: ...
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+    def __reduce__(self) -> tuple[Any, tuple[str]]: ...
+
+@final
+class Position:
+    """An object was seen here."""
+
+    def __new__(cls, timestamp_ns: int, center: ArrayLike, covariance: ArrayLike | None = None, track: int | None = None) -> Self: ...
+    __match_args__: ClassVar[tuple[str, ...]]
+    @property
+    def event(self) -> Literal["position"]:
+        """The event's name."""
+    @property
+    def timestamp_ns(self) -> int:
+        """Stamp of the newest input that it used, ns on the stream's clock."""
+    @property
+    def track(self) -> int | None:
+        """The track, from 1; None where none or all."""
+    @property
+    def final(self) -> bool:
+        """Nothing will replace it."""
+    @property
+    def frame(self) -> int:
+        """Index of the frame as delivered, from 0."""
+    @property
+    def center(self) -> _Array:
+        """Center in the world, m."""
+    @property
+    def center_in_camera(self) -> _Array | None:
+        """Center in the camera frame, m; `None` for positions."""
+    @property
+    def covariance(self) -> _Array | None:
+        """Of `center`, m²; None where nobody knows."""
+    @property
+    def points(self) -> int | None:
+        """Pixels that took part."""
+    @property
+    def residual_rms(self) -> float | None:
+        """Root mean square of their distances from the fitted surface, m."""
+    def to_dict(self) -> dict[str, Any]:
+        """As plain Python values, the same as in JSON."""
+    def to_json(self) -> str:
+        """As one line of JSON."""
+    def __eq__(self, other: object, /) -> bool: ...
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+    def __reduce__(self) -> tuple[Any, tuple[str]]: ...
+
+@final
+class TrackStarted:
+    """A track began."""
+
+    __match_args__: ClassVar[tuple[str, ...]]
+    @property
+    def event(self) -> Literal["track_started"]:
+        """The event's name."""
+    @property
+    def timestamp_ns(self) -> int:
+        """Stamp of the newest input that it used, ns on the stream's clock."""
+    @property
+    def track(self) -> int | None:
+        """The track, from 1; None where none or all."""
+    @property
+    def final(self) -> bool:
+        """Nothing will replace it."""
+    @property
+    def reason(self) -> _TrackReason:
+        """Why."""
+    def to_dict(self) -> dict[str, Any]:
+        """As plain Python values, the same as in JSON."""
+    def to_json(self) -> str:
+        """As one line of JSON."""
+    def __eq__(self, other: object, /) -> bool: ...
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+    def __reduce__(self) -> tuple[Any, tuple[str]]: ...
+
+@final
+class TrackEnded:
+    """A track ended."""
+
+    __match_args__: ClassVar[tuple[str, ...]]
+    @property
+    def event(self) -> Literal["track_ended"]:
+        """The event's name."""
+    @property
+    def timestamp_ns(self) -> int:
+        """Stamp of the newest input that it used, ns on the stream's clock."""
+    @property
+    def track(self) -> int | None:
+        """The track, from 1; None where none or all."""
+    @property
+    def final(self) -> bool:
+        """Nothing will replace it."""
+    @property
+    def reason(self) -> _TrackReason:
+        """Why."""
+    def to_dict(self) -> dict[str, Any]:
+        """As plain Python values, the same as in JSON."""
+    def to_json(self) -> str:
+        """As one line of JSON."""
+    def __eq__(self, other: object, /) -> bool: ...
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+    def __reduce__(self) -> tuple[Any, tuple[str]]: ...
+
+@final
+class Inconsistency:
+    """Measurement and prediction disagree (Eq. 3, or the whitened test)."""
+
+    __match_args__: ClassVar[tuple[str, ...]]
+    @property
+    def event(self) -> Literal["inconsistency"]:
+        """The event's name."""
+    @property
+    def timestamp_ns(self) -> int:
+        """Stamp of the newest input that it used, ns on the stream's clock."""
+    @property
+    def track(self) -> int | None:
+        """The track, from 1; None where none or all."""
+    @property
+    def final(self) -> bool:
+        """Nothing will replace it."""
+    @property
+    def predicted(self) -> _Array:
+        """Center by the laws of physics, world, m."""
+    @property
+    def measured(self) -> _Array:
+        """Center as measured, world, m."""
+    @property
+    def distance(self) -> float:
+        """Between the two, m."""
+    @property
+    def threshold(self) -> float:
+        """What `distance` exceeded, m: θ, or the distance in that direction at which the whitened test alarms."""
+    @property
+    def p_value(self) -> float | None:
+        """Probability of such a distance without a cause."""
+    def to_dict(self) -> dict[str, Any]:
+        """As plain Python values, the same as in JSON."""
+    def to_json(self) -> str:
+        """As one line of JSON."""
+    def __eq__(self, other: object, /) -> bool: ...
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+    def __reduce__(self) -> tuple[Any, tuple[str]]: ...
+
+@final
+class Contact:
+    """The object touched something."""
+
+    __match_args__: ClassVar[tuple[str, ...]]
+    @property
+    def event(self) -> Literal["contact"]:
+        """The event's name."""
+    @property
+    def timestamp_ns(self) -> int:
+        """Stamp of the newest input that it used, ns on the stream's clock."""
+    @property
+    def track(self) -> int | None:
+        """The track, from 1; None where none or all."""
+    @property
+    def final(self) -> bool:
+        """Nothing will replace it."""
+    @property
+    def id(self) -> int:
+        """Unique among contacts."""
+    @property
+    def time_ns(self) -> int:
+        """First touch, between frames, ns."""
+    @property
+    def time_sd(self) -> float | None:
+        """Standard deviation of `time_ns`, s."""
+    @property
+    def center(self) -> _Array:
+        """Center of the ball at first touch, world, m."""
+    @property
+    def point(self) -> _Array | None:
+        """Where it touched: center − radius · normal, world, m."""
+    @property
+    def covariance(self) -> _Array:
+        """Of `center`, m²."""
+    @property
+    def normal(self) -> _Array | None:
+        """Unit normal of the surface, to the side the ball came from, world."""
+    @property
+    def direction(self) -> _Array | None:
+        """The paper's: normalised mean of the two unit tangents along the motion; `None` where they cancel."""
+    @property
+    def velocity_before(self) -> _Array | None:
+        """At first touch, world, m/s."""
+    @property
+    def velocity_after(self) -> _Array | None:
+        """At last touch, world, m/s."""
+    @property
+    def restitution(self) -> float | None:
+        """Speed away from the surface over speed into it."""
+    @property
+    def surface(self) -> int | None:
+        """Which surface; `None` on an edge, or where none is known."""
+    def to_dict(self) -> dict[str, Any]:
+        """As plain Python values, the same as in JSON."""
+    def to_json(self) -> str:
+        """As one line of JSON."""
+    def __eq__(self, other: object, /) -> bool: ...
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+    def __reduce__(self) -> tuple[Any, tuple[str]]: ...
+
+@final
+class Surface:
+    """A plane that was touched, or is known."""
+
+    __match_args__: ClassVar[tuple[str, ...]]
+    @property
+    def event(self) -> Literal["surface"]:
+        """The event's name."""
+    @property
+    def timestamp_ns(self) -> int:
+        """Stamp of the newest input that it used, ns on the stream's clock."""
+    @property
+    def track(self) -> int | None:
+        """The track, from 1; None where none or all."""
+    @property
+    def final(self) -> bool:
+        """Nothing will replace it."""
+    @property
+    def id(self) -> int:
+        """Unique among surfaces."""
+    @property
+    def name(self) -> str | None:
+        """As configured."""
+    @property
+    def normal(self) -> _Array:
+        """Unit normal, to the contacts' side, world."""
+    @property
+    def offset(self) -> float:
+        """normal · p = offset, m."""
+    @property
+    def covariance(self) -> _Array | None:
+        """Of (normal, offset), 4×4."""
+    @property
+    def tilt(self) -> float | None:
+        """Angle between the normal and up, rad."""
+    @property
+    def tilt_sd(self) -> float | None:
+        """Standard deviation of `tilt`, rad."""
+    @property
+    def contacts(self) -> int:
+        """How many contacts it rests on."""
+    @property
+    def outline(self) -> _Array | None:
+        """Convex hull of the touched points on the plane, world, m."""
+    @property
+    def above(self) -> Above | None:
+        """The parallel surface below it."""
+    @property
+    def merged_into(self) -> int | None:
+        """The surface that this one turned out to be."""
+    def to_dict(self) -> dict[str, Any]:
+        """As plain Python values, the same as in JSON."""
+    def to_json(self) -> str:
+        """As one line of JSON."""
+    def __eq__(self, other: object, /) -> bool: ...
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+    def __reduce__(self) -> tuple[Any, tuple[str]]: ...
+
+@final
+class CameraOrientation:
+    """Gravity as the flights show it."""
+
+    __match_args__: ClassVar[tuple[str, ...]]
+    @property
+    def event(self) -> Literal["camera_orientation"]:
+        """The event's name."""
+    @property
+    def timestamp_ns(self) -> int:
+        """Stamp of the newest input that it used, ns on the stream's clock."""
+    @property
+    def track(self) -> int | None:
+        """The track, from 1; None where none or all."""
+    @property
+    def final(self) -> bool:
+        """Nothing will replace it."""
+    @property
+    def id(self) -> int:
+        """Unique among camera orientations."""
+    @property
+    def gravity_in_camera(self) -> _Array:
+        """Measured acceleration without drag, its length kept, camera frame, m/s²."""
+    @property
+    def roll(self) -> float:
+        """atan2(gx, gy), rad."""
+    @property
+    def pitch(self) -> float:
+        """atan2(−gz, √(gx² + gy²)), rad."""
+    @property
+    def covariance(self) -> _Array:
+        """Of `gravity_in_camera`, (m/s²)²."""
+    @property
+    def flights(self) -> int:
+        """Flights that it rests on."""
+    def to_dict(self) -> dict[str, Any]:
+        """As plain Python values, the same as in JSON."""
+    def to_json(self) -> str:
+        """As one line of JSON."""
+    def __eq__(self, other: object, /) -> bool: ...
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+    def __reduce__(self) -> tuple[Any, tuple[str]]: ...
+
+@final
+class Gap:
+    """Input is missing."""
+
+    __match_args__: ClassVar[tuple[str, ...]]
+    @property
+    def event(self) -> Literal["gap"]:
+        """The event's name."""
+    @property
+    def timestamp_ns(self) -> int:
+        """Stamp of the newest input that it used, ns on the stream's clock."""
+    @property
+    def track(self) -> int | None:
+        """The track, from 1; None where none or all."""
+    @property
+    def final(self) -> bool:
+        """Nothing will replace it."""
+    @property
+    def start_ns(self) -> int:
+        """Newest input before it, ns."""
+    @property
+    def end_ns(self) -> int:
+        """Oldest input after it, ns."""
+    @property
+    def reason(self) -> Literal["packets_lost", "frames_lost", "stalled", "disconnected"]:
+        """What went missing."""
+    @property
+    def frames(self) -> int | None:
+        """Frames lost."""
+    @property
+    def packets(self) -> int | None:
+        """Packets lost."""
+    @property
+    def samples(self) -> int | None:
+        """Samples lost."""
+    def to_dict(self) -> dict[str, Any]:
+        """As plain Python values, the same as in JSON."""
+    def to_json(self) -> str:
+        """As one line of JSON."""
+    def __eq__(self, other: object, /) -> bool: ...
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+    def __reduce__(self) -> tuple[Any, tuple[str]]: ...
+
+@final
+class StreamEnded:
+    """The stream is over."""
+
+    __match_args__: ClassVar[tuple[str, ...]]
+    @property
+    def event(self) -> Literal["stream_ended"]:
+        """The event's name."""
+    @property
+    def timestamp_ns(self) -> int:
+        """Stamp of the newest input that it used, ns on the stream's clock."""
+    @property
+    def track(self) -> int | None:
+        """The track, from 1; None where none or all."""
+    @property
+    def final(self) -> bool:
+        """Nothing will replace it."""
+    @property
+    def reason(self) -> Literal["end_of_source", "limit", "interrupted", "disconnected"]:
+        """Why."""
+    @property
+    def counters(self) -> Counters:
+        """What went through it."""
+    def to_dict(self) -> dict[str, Any]:
+        """As plain Python values, the same as in JSON."""
+    def to_json(self) -> str:
+        """As one line of JSON."""
+    def __eq__(self, other: object, /) -> bool: ...
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+    def __reduce__(self) -> tuple[Any, tuple[str]]: ...
+
+_Event: TypeAlias = (
+    StreamStarted | Position | TrackStarted | TrackEnded | Inconsistency | Contact | Surface | CameraOrientation | Gap | StreamEnded
+)
+
+@final
+class Track:
+    """A live track."""
+
+    @property
+    def track(self) -> int:
+        """Its number in the stream."""
+    def predict(self, t: float | None = None, *, timestamp_ns: int | None = None) -> tuple[_Array, _Array]:
+        """Where it will be by the laws of physics: center [3] (m, world) and covariance [3, 3] (m²).
+
+        `t` is in seconds on the stream's clock, `timestamp_ns` the same in ns.
+        """
+
+@final
+class Stream:
+    """An iterator of events, and a context manager."""
+
+    def __iter__(self) -> Self: ...
+    def __next__(self) -> _Event: ...
+    def __enter__(self) -> Self: ...
+    def __exit__(self, *_exception: BaseException | type[BaseException] | TracebackType | None) -> None: ...
+    def close(self) -> None:
+        """Stop reading; no more events."""
+    def interrupt(self) -> None:
+        """End the stream as Ctrl-C does: what is known becomes final, and `stream_ended` is the last event."""
+    @property
+    def stats(self) -> Counters:
+        """What went through up to the last event."""
+    @property
+    def busy(self) -> float:
+        """How long the engine worked up to the last event, s."""
+    @property
+    def tracks(self) -> dict[int, Track]:
+        """The live tracks by number, as of the last event."""
+
+def open_source(
+    source: str,
+    *,
+    name: str | None,
+    config: _Config,
+    camera: _Camera,
+    positions: bool,
+    provisional: bool,
+    frames: int | None,
+    duration: float | None,
+    timeout: float | None,
+) -> Stream: ...
+def open_iterable(items: Iterable[Any], *, config: _Config, camera: _Camera, positions: bool, provisional: bool) -> Stream: ...
+def dump_config(source: str | None = None, config: _Config = None, camera: _Camera = None) -> str: ...
+def event_from_toml(text: str) -> _Event: ...
+def simulate(scene: str, out: str | os.PathLike[str]) -> tuple[int, int, int]: ...
+def scenes() -> list[str]: ...
+
+__version__: str

@@ -1,0 +1,132 @@
+"""Configuration: files, dicts and dataclasses, and what is refused."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import physinc
+from physinc._physinc import dump_config
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+
+def in_force(config: Any = None, camera: Any = None) -> dict[str, Any]:
+    return tomllib.loads(dump_config(config=config, camera=camera))
+
+
+def told(fields: Any) -> Any:
+    """Without what is left out, and with lists for tuples: as TOML has it."""
+    if isinstance(fields, dict):
+        return {key: told(value) for key, value in fields.items() if value is not None}
+    return [told(item) for item in fields] if isinstance(fields, (list, tuple)) else fields
+
+
+def test_the_dataclasses_have_the_engines_keys_and_defaults() -> None:
+    assert told(asdict(physinc.Config())) == in_force()
+    assert in_force(physinc.Config()) == in_force()
+
+
+def test_every_key_passes_from_python_to_the_engine() -> None:
+    pose = [[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.5], [0, 0, 0, 1]]
+    config = physinc.Config(
+        camera=physinc.CameraConfig(320, 240, 288, 289, 160, 120, 1000, False, [3.0, -0.003], 5, 0.01, pose),
+        object=physinc.ObjectConfig("sphere", [0.02, 0.033], 0.06, 0.5, 0.0, 3.0),
+        laws=physinc.LawsConfig((0, 0, -9.8), "free_fall", False, False, 1.1, 0.01, 1e-4, "paper"),
+        tracking=physinc.TrackingConfig(0, 1e-3),
+        assume=physinc.AssumeConfig("static", "known", "passive"),
+        environment=physinc.EnvironmentConfig(
+            plane=[physinc.KnownPlane("ground")],
+            box=[physinc.KnownBox((0, 1, 0), (1, 1, 1), rotation=(1, 0, 0, 0))],
+            sphere=[physinc.KnownSphere((0, 1, 0), 0.5)],
+        ),
+    )
+    assert in_force(config) == told(asdict(config))
+    assert in_force(asdict(config)) == told(asdict(config))
+
+
+def test_a_file_is_read_and_what_is_printed_is_read_back(tmp_path: Path) -> None:
+    path = tmp_path / "config.toml"
+    path.write_text("[object]\nradius = [0.02, 0.033]\n[[environment.plane]]\nname = 'ground'\n")
+    text = dump_config(config=path)
+    assert tomllib.loads(text)["object"]["radius"] == [0.02, 0.033]
+    path.write_text(text)
+    assert dump_config(config=str(path)) == text
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        ({"objects": {}}, "objects"),
+        ({"object": {"radus": 0.03}}, "radus"),
+        ({"object": {"radius": -1}}, "object.radius = -1"),
+        ({"object": {"radius": float("nan")}}, "object.radius"),
+        ({"object": {"radius": "big"}}, "object.radius"),
+        ({"object": {"radius": object()}}, "object.radius"),
+        ({"object": {"shape": "any"}}, "object.shape"),
+        ({"camera": {"fx": 0}}, "camera.fx = 0"),
+        ({"camera": {"width": 10**6}}, "camera.width"),
+        ({"camera": {"world_from_camera": [[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}}, "world_from_camera"),
+        ({"laws": {"theta": 0}}, "laws.theta = 0"),
+        ({"laws": {"gravity": [0, 0]}}, "gravity"),
+        ({"laws": {"gravity": [0, 0, float("inf")]}}, "laws.gravity"),
+        ({"laws": {"law": "auto"}}, "laws.law"),
+        ({"laws": {"magnus": True}}, "laws.magnus"),
+        ({"assume": {"camera": "moving"}}, "assume.camera"),
+        ({"assume": {"camera": "upside_down"}}, "upside_down"),
+        ({"assume": {"objects": "unknown"}}, "assume.objects"),
+        ({"environment": {"mesh": [{"path": "a.obj"}]}}, "environment.mesh"),
+        ({"environment": {"box": [{"name": "without size"}]}}, "environment.box.center"),
+        ({"environment": {"plane": [{"normal": [0, 0, 2]}]}}, "environment.plane.normal"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name(config: Any, message: str) -> None:
+    with pytest.raises(physinc.ConfigError, match=message):
+        physinc.stream("demo", config=config)
+
+
+def test_errors_in_files_name_file_and_line(tmp_path: Path, npz: Path) -> None:
+    config = tmp_path / "config.toml"
+    config.write_text("[laws]\ntheta = 'small'\n")
+    with pytest.raises(physinc.ConfigError, match=r"config\.toml:2: `theta = 'small'`"):
+        physinc.stream("demo", config=config)
+    with pytest.raises(physinc.ConfigError, match=r"nowhere\.toml: No such file"):
+        physinc.stream("demo", config=tmp_path / "nowhere.toml")
+    (tmp_path / "camera.toml").write_text("fx = 500.0\nfocal = 3\n")
+    with pytest.raises(physinc.ConfigError, match=r"camera\.toml:2: `focal = 3`: unknown field"):
+        physinc.stream(npz)
+
+
+def fx(**options: Any) -> float:
+    started = next(iter(physinc.stream(**options)))
+    assert isinstance(started, physinc.StreamStarted)
+    assert started.camera is not None
+    return started.camera.fx
+
+
+def test_cameras_are_found_in_their_order(tmp_path: Path, npz: Path) -> None:
+    assert fx(source=npz) == 575.8
+    (tmp_path / "camera.toml").write_text("fx = 501.0")
+    assert fx(source=npz) == 501.0
+    npz.with_suffix(".camera.toml").write_text("fx = 502.0")
+    assert fx(source=npz) == 502.0
+    (tmp_path / "other.toml").write_text("fx = 503.0")
+    assert fx(source=npz, camera=tmp_path / "other.toml") == 503.0
+    assert fx(source=npz, camera=tmp_path / "other.toml", config={"camera": {"fx": 504.0}}) == 504.0
+    assert fx(source=npz, camera={"fx": 505.0}, config={"camera": {"fx": 504.0}}) == 505.0
+    assert fx(source=npz, camera=physinc.CameraConfig(fx=506.0)) == 506.0
+    # Key by key: what the winner leaves out is taken from below.
+    assert fx(source=npz, config={"camera": {"fy": 504.0}}) == 502.0
+
+
+@pytest.mark.parametrize("options", [{"config": 5}, {"config": [1]}, {"camera": 5}])
+def test_other_types_are_type_errors(options: Any) -> None:
+    with pytest.raises(TypeError, match="a dict or a dataclass"):
+        physinc.stream("demo", **options)
