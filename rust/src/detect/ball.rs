@@ -1,5 +1,6 @@
 //! A ball of known radius in one image: the depth of its cap and its silhouette, in one set of normal equations.
 
+use super::equations::{Equations, threefold, twofold};
 use super::foreground::{Frame, Sample};
 use super::noise::{Factors, Noise, Score, ScoreCovariance, Scores};
 use super::{Blob, Detection};
@@ -30,49 +31,6 @@ pub struct View<'v, S> {
     pub factors: Factors,
     /// Radius of the ball, m.
     pub radius: f64,
-}
-
-/// Normal equations of one kind of evidence, H · step = g, and its residuals' part in two patterns that no ball has.
-#[derive(Default)]
-struct Equations {
-    hessian: Mat3,
-    gradient: Vec3,
-    patterns: Vector2<f64>,
-}
-
-impl Equations {
-    /// Adds a pixel; its score is what it would add to `gradient` and `patterns` for a residual of `sd`.
-    fn add(&mut self, jacobian: &Vec3, pattern: &Vector2<f64>, residual: f64, weight: f64, sd: f64) -> Score {
-        self.hessian += jacobian * jacobian.transpose() * weight;
-        self.gradient += jacobian * (weight * residual);
-        self.patterns += pattern * (weight * residual);
-        Score::new(jacobian.x, jacobian.y, jacobian.z, pattern.x, pattern.y) * (weight * sd)
-    }
-
-    /// `scores` is the covariance of `gradient` as the correlated noise makes it. The estimate that these equations give has the information
-    /// H S⁻¹ H, so that is what they count when they are joined with others.
-    fn informed(&self, scores: &ScoreCovariance, factor: f64) -> Option<Self> {
-        let scores: Mat3 = scores.fixed_view::<3, 3>(0, 0) * factor;
-        let to_information = self.hessian * scores.try_inverse()?;
-        let hessian = symmetric(&(to_information * self.hessian));
-        Some(Self { hessian, gradient: to_information * self.gradient, patterns: self.patterns })
-    }
-
-    /// The patterns' mean square over its expectation: 1 where the noise is as modelled.
-    fn check(&self, scores: &ScoreCovariance) -> f64 {
-        let expected = scores.diagonal();
-        0.5 * (self.patterns.x * self.patterns.x / expected[3] + self.patterns.y * self.patterns.y / expected[4])
-    }
-}
-
-/// The twofold pattern of a direction (x, y): what an ellipse or a saddle has, and a ball has not.
-fn twofold(x: f64, y: f64) -> Vector2<f64> {
-    Vector2::new(x * x - y * y, 2.0 * x * y)
-}
-
-/// The threefold pattern of a direction: what a triangle has. Square windows leave twofold traces in a silhouette, but none of these.
-fn threefold(x: f64, y: f64) -> Vector2<f64> {
-    Vector2::new(x * (x * x - 3.0 * y * y), y * (3.0 * x * x - y * y))
 }
 
 /// A ball that was found, and what it tells of the noise: ratios to the modelled variance of its depth and of its silhouette.

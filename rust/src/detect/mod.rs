@@ -2,6 +2,7 @@
 
 pub mod ball;
 pub mod components;
+pub mod equations;
 pub mod foreground;
 pub mod noise;
 pub mod sphere;
