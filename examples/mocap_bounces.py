@@ -122,6 +122,7 @@ def report(recording: Recording, config: physinc.Config) -> None:
 
 
 def main() -> int:
+    """Read, stream, print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("file", type=Path, help="*.tsv or *.json")
     parser.add_argument("--radius", type=float, default=0.033, help="of the balls, m")

@@ -12,11 +12,12 @@ use crate::physics::law::{FreeFallWithDrag, State};
 use crate::physics::{between, paper};
 use crate::scene::plane::{Patch, Up};
 use crate::scene::surfaces::Surfaces;
+use crate::time::seconds_between;
 use crate::track::Measurement;
 use crate::track::association::{MEASUREMENTS, TRACKS, associate};
 use crate::track::motion::{Finding, Findings, Surroundings};
 use crate::track::noise::Noise;
-use crate::track::object::Track;
+use crate::track::object::{Outlook, Track};
 use heapless::Vec;
 
 /// An object unseen for this long is lost, s: the longest gap that may hide a contact, and what it takes to see that it doesn't.
@@ -108,7 +109,10 @@ impl Reasoning {
 
     /// Where each tracked object is by the laws of physics.
     pub fn predictors(&self) -> impl Iterator<Item = Predictor> + '_ {
-        self.tracks.iter().map(|track| Predictor { track: track.clone(), law: self.law(track.radius), gravity: self.gravity })
+        self.tracks.iter().map(|track| {
+            let law = self.law(track.radius);
+            Predictor { track: track.id, epoch_ns: track.epoch_ns, outlook: track.outlook(&self.around(&law)), law }
+        })
     }
 
     fn law(&self, radius: f64) -> FreeFallWithDrag {
@@ -266,6 +270,10 @@ impl Reasoning {
         let samples = between(track.samples(), since, until);
         self.noise.learn(flight, law, samples);
         let Some((information, vector)) = flight.gravity_information(law, samples) else { return };
+        // A throw, a catch or a piece of one frame may pass for a flight; gravity does not change.
+        if self.gravity.size.is_some() && self.gravity.disagreement(&information, &vector) > 30.0 {
+            return;
+        }
         if self.gravity.size.is_some() {
             self.gravity.learn(&information, &vector);
         }
@@ -391,21 +399,21 @@ fn world_of(camera: Option<&Camera>) -> Pose {
 /// A track as it is now, to be asked where the object will be: Eq. 2.
 #[derive(Clone, Debug)]
 pub struct Predictor {
-    track: Track,
+    track: u32,
+    epoch_ns: i64,
+    outlook: Outlook,
     law: FreeFallWithDrag,
-    gravity: Gravity,
 }
 
 impl Predictor {
     /// The track's number.
     pub fn track(&self) -> u32 {
-        self.track.id
+        self.track
     }
 
     /// Center (world, m) at `timestamp_ns`, and its covariance (m²).
     pub fn predict(&self, timestamp_ns: i64) -> (Vec3, Mat3) {
-        let around = Surroundings { law: &self.law, gravity: &self.gravity, duration: 0.0, normal_at: &|_| None };
-        let prediction = self.track.predict(&around, self.track.seconds(timestamp_ns));
+        let prediction = self.outlook.predict(&self.law, seconds_between(self.epoch_ns, timestamp_ns));
         (prediction.state.position, prediction.covariance)
     }
 }

@@ -87,7 +87,7 @@ pub struct Sizes {
     pub depths: usize,
     /// Of `runs`; more of them, and more clutter is borne.
     pub runs: usize,
-    /// Of `scores`.
+    /// Of `scores` and of `bias`.
     pub scores: usize,
 }
 
@@ -103,6 +103,8 @@ pub struct Buffers<'b> {
     pub runs: Slice<'b, Run>,
     /// One ball's pixels.
     pub scores: Slice<'b, [f32; 5]>,
+    /// What the matching window adds to their depth.
+    pub bias: Slice<'b, f32>,
 }
 
 impl Buffers<'_> {
@@ -124,6 +126,7 @@ impl Buffers<'static> {
             depths: Slice::Owned(std::vec![0.0; sizes.depths]),
             runs: Slice::Owned(std::vec![Run::default(); sizes.runs]),
             scores: Slice::Owned(std::vec![[0.0; 5]; sizes.scores]),
+            bias: Slice::Owned(std::vec![0.0; sizes.scores]),
         }
     }
 }
@@ -160,7 +163,8 @@ impl<'b> Seeing<'b> {
             && buffers.farthest.len() >= sizes.pixels
             && buffers.depths.len() >= sizes.depths
             && buffers.runs.len() >= sizes.runs
-            && buffers.scores.len() >= sizes.scores;
+            && buffers.scores.len() >= sizes.scores
+            && buffers.bias.len() >= sizes.scores;
         if !enough {
             return Err(ConfigError { key: "camera.width", value: camera.width as f64, expected: "buffers of the camera's size" });
         }
@@ -222,7 +226,7 @@ impl<'b> Seeing<'b> {
     }
 
     fn see_samples<S: Sample>(&mut self, samples: &[S], detections: &mut Vec<Detection, 16>) {
-        let Buffers { limits, farthest, depths, runs, scores } = &mut self.buffers;
+        let Buffers { limits, farthest, depths, runs, scores, bias } = &mut self.buffers;
         let pixels = samples.len();
         let (Some(limits), Some(farthest)) = (limits.get_mut(..pixels), farthest.get_mut(..pixels)) else { return };
         if self.seen == 0 {
@@ -249,7 +253,7 @@ impl<'b> Seeing<'b> {
         for (index, run) in runs.iter().take(count).enumerate() {
             let Some(component) = run.component(index).filter(|c| c.pixels >= FEWEST_PIXELS) else { continue };
             let view = |radius| View { frame: &frame, camera: &self.camera, noise: self.noise, factors: self.factors, radius };
-            let Some(found) = look(view, &self.radii, component, scores) else { continue };
+            let Some(found) = look(view, &self.radii, component, scores, bias) else { continue };
             if found.detection.blob == Blob::Whole {
                 self.factors.cap.learn(found.cap_ratio);
                 self.factors.outline.learn(found.outline_ratio);
@@ -267,6 +271,7 @@ fn look<'v, S: Sample + 'v>(
     radii: &[f64],
     component: &Component,
     scores: &mut [[f32; 5]],
+    bias: &mut [f32],
 ) -> Option<Found> {
     let (column, row, depth) = component.mean();
     let pixels = f64::from(component.pixels);
@@ -278,7 +283,7 @@ fn look<'v, S: Sample + 'v>(
     if !(0.25..4.0).contains(&ratio(radius)) {
         return None;
     }
-    view(radius).fit(start(radius), component.pixels, scores)
+    view(radius).fit(start(radius), component.pixels, scores, bias)
 }
 
 #[cfg(test)]

@@ -6,14 +6,57 @@
 
 use core::hint::black_box;
 use physinc::config::{CameraConfig, Config};
+use physinc::detect::Blob;
 use physinc::geometry::camera::{Camera, DepthCode};
+use physinc::math::sqrt;
+use physinc::seeing::{Buffers, Image, Seeing, Sizes, Slice};
+
+const WIDTH: usize = 64;
+const HEIGHT: usize = 48;
+const PIXELS: usize = WIDTH * HEIGHT;
+const SIZES: Sizes = Buffers::required(WIDTH, HEIGHT);
+const BACKGROUND: u16 = 2000;
+/// Of the ball, m.
+const DEPTH: f64 = 1.2;
 
 /// What a microcontroller would do; false where an answer is not as it must be.
 fn core_works() -> bool {
+    sees_a_ball() == Some(true) && owns_a_vec()
+}
+
+/// Learns a wall, then finds the default ball before it.
+fn sees_a_ball() -> Option<bool> {
     let config = black_box(Config::default());
-    let camera = Camera::from_config(&CameraConfig::default(), DepthCode::Depth { units_per_metre: 1000.0 });
-    let centered = camera.is_ok_and(|camera| camera.deproject(camera.cx, camera.cy, 2.0).z == 2.0);
-    config.validate().is_ok() && centered && owns_a_vec()
+    let (width, height) = (Some(WIDTH as u32), Some(HEIGHT as u32));
+    let keys = CameraConfig { width, height, cx: Some(31.5), cy: Some(23.5), ..CameraConfig::default() };
+    let camera = Camera::from_config(&keys, DepthCode::Depth { units_per_metre: 1000.0 }).ok()?;
+    let (mut limits, mut farthest, mut depths) = ([0; SIZES.pixels], [0; SIZES.pixels], [0.0; SIZES.depths]);
+    let (mut runs, mut scores) = ([Default::default(); SIZES.runs], [Default::default(); SIZES.scores]);
+    let buffers = Buffers {
+        limits: Slice::Borrowed(&mut limits),
+        farthest: Slice::Borrowed(&mut farthest),
+        depths: Slice::Borrowed(&mut depths),
+        runs: Slice::Borrowed(&mut runs),
+        scores: Slice::Borrowed(&mut scores),
+    };
+    let mut seeing = Seeing::new(&camera, &config.object, 3, buffers).ok()?;
+    let mut detections = Default::default();
+    for _ in 0..3 {
+        seeing.see(Image::U16(&[BACKGROUND; PIXELS]), &mut detections).ok()?;
+    }
+    seeing.see(Image::U16(&ball(&camera, config.object.radius.as_slice()[0])), &mut detections).ok()?;
+    let [ball] = detections.as_slice() else { return None };
+    Some(ball.blob == Blob::Whole && ball.center.xy().norm() < 0.005 && (ball.center.z - DEPTH).abs() < 0.005)
+}
+
+/// A ball at [`DEPTH`] on the optical axis, before the wall, mm.
+fn ball(camera: &Camera, radius: f64) -> [u16; PIXELS] {
+    core::array::from_fn(|i| {
+        let ray = camera.deproject((i % WIDTH) as f64, (i / WIDTH) as f64, 1.0);
+        let (a, b) = (ray.norm_squared(), DEPTH);
+        let under_root = b * b - a * (DEPTH * DEPTH - radius * radius);
+        if under_root < 0.0 { BACKGROUND } else { ((b - sqrt(under_root)) / a * 1000.0) as u16 }
+    })
 }
 
 #[cfg(not(feature = "with_vec"))]
@@ -40,6 +83,10 @@ extern "C" fn run() -> ! {
 core::arch::global_asm!(".globl _start", "_start:", "xor ebp, ebp", "call {run}", run = sym run);
 #[cfg(target_arch = "aarch64")]
 core::arch::global_asm!(".globl _start", "_start:", "bl {run}", run = sym run);
+
+/// `core` as it is shipped was compiled to unwind and names this; here nothing unwinds.
+#[unsafe(no_mangle)]
+extern "C" fn rust_eh_personality() {}
 
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo) -> ! {

@@ -112,6 +112,23 @@ struct Guess {
     shortfall: f64,
 }
 
+/// How a ray passes a ball: the ray's length at which it is nearest to the center, how near it comes, m, and half its way inside (in lengths).
+struct Chord {
+    along: f64,
+    offset: f64,
+    half: f64,
+}
+
+impl Chord {
+    #[inline]
+    fn new(ray: &Vec3, center: &Vec3, radius: f64) -> Self {
+        let ray_square = ray.norm_squared();
+        let along = ray.dot(center) / ray_square;
+        let offset_square = (center.norm_squared() - along * along * ray_square).max(0.0);
+        Self { along, offset: sqrt(offset_square), half: sqrt(((radius * radius - offset_square) / ray_square).max(0.0)) }
+    }
+}
+
 impl<S: Sample> View<'_, S> {
     /// Pixels a metre across the ray, at depth `z`.
     fn scale(&self, z: f64) -> f64 {
@@ -156,45 +173,70 @@ impl<S: Sample> View<'_, S> {
         })
     }
 
-    /// Compares the image with a guess. `score` is told, for each pixel of the patch, its part in the two gradients times the standard deviation of
-    /// its noise. `across` are two directions across the line of sight, in which the silhouette is measured.
-    fn compare(&self, patch: &Patch, guess: &Guess, across: &[Vec3; 2], mut score: impl FnMut(usize, usize, &Score, &Score)) -> Evidence {
+    /// The ray through a pixel of the patch, and the pixel's index.
+    #[inline]
+    fn ray(&self, patch: &Patch, x: usize, y: usize) -> (Vec3, usize) {
+        let (column, row) = (patch.left + x * patch.stride, patch.top + y * patch.stride);
+        (self.camera.deproject(column as f64, row as f64, 1.0), row * self.camera.width + column)
+    }
+
+    /// Fills `bias` with what the matching window adds to the depth of each pixel, m: a reading is the mean of the surface over the window.
+    fn smooth(&self, patch: &Patch, center: &Vec3, window: usize, scores: &mut [[f32; 5]], bias: &mut [f32]) -> Option<()> {
+        let surface = |x, y| {
+            let chord = Chord::new(&self.ray(patch, x, y).0, center, self.radius);
+            (chord.half > 0.0).then_some(chord.along - chord.half - center.z)
+        };
+        let mut depths = Scores::new(scores, patch.columns, patch.rows, window)?;
+        for (y, x) in (0..patch.rows).flat_map(|y| (0..patch.columns).map(move |x| (y, x))) {
+            if let Some(z) = surface(x, y) {
+                depths.set(x, y, &Score::new(z, 1.0, 0.0, 0.0, 0.0));
+            }
+        }
+        depths.means(|x, y, mean| {
+            if let (Some(bias), Some(z)) = (bias.get_mut(y * patch.columns + x), surface(x, y)) {
+                *bias = (mean - z) as f32;
+            }
+        });
+        Some(())
+    }
+
+    /// Compares the image with a guess. `bias` is what [`View::smooth`] found. `score` is told, for each pixel of the patch, its part in the
+    /// two gradients times the standard deviation of its noise. `across` are two directions across the line of sight, in which the silhouette
+    /// is measured.
+    fn compare(
+        &self,
+        patch: &Patch,
+        guess: &Guess,
+        across: &[Vec3; 2],
+        bias: &[f32],
+        mut score: impl FnMut(usize, usize, &Score, &Score),
+    ) -> Evidence {
         let (camera, noise, radius) = (self.camera, self.noise, self.radius);
         let Guess { center, shortfall } = *guess;
         let scale = self.scale(center.z);
-        let square = center.norm_squared();
         let near = 2.0 * Self::jump(radius) + 4.0 * noise.axial(center.z);
         let mut evidence = Evidence::default();
         for y in 0..patch.rows {
-            let row = patch.top + y * patch.stride;
-            let v = (row as f64 - camera.cy) / camera.fy;
             for x in 0..patch.columns {
-                let column = patch.left + x * patch.stride;
-                let ray = Vec3::new((column as f64 - camera.cx) / camera.fx, v, 1.0);
-                // The ray comes nearest to the center at ray · along, as far from it as `offset` is long.
-                let ray_square = ray.norm_squared();
-                let along = ray.dot(&center) / ray_square;
-                let offset_square = (square - along * along * ray_square).max(0.0);
-                let offset = sqrt(offset_square);
+                let (ray, index) = self.ray(patch, x, y);
+                let Chord { along, offset, half } = Chord::new(&ray, &center, radius);
                 let inside = (radius - shortfall - offset) * scale;
                 if inside < -BAND {
                     continue;
                 }
-                let index = row * camera.width + column;
                 let reading = self.frame.foreground(index);
-                let half_chord = sqrt(((radius * radius - offset_square) / ray_square).max(0.0));
-                let surface = along - half_chord;
+                let surface = along - half;
                 let shows = reading.is_some_and(|z| z > surface - near && z < center.z + near);
                 evidence.mask += u32::from(shows);
                 let mut scores = [Score::zeros(); 2];
 
-                if let (Some(z), true) = (reading, half_chord > 0.0) {
-                    let residual = z - surface;
+                if let (Some(z), true) = (reading, half > 0.0) {
+                    let residual = z - surface - f64::from(bias.get(y * patch.columns + x).copied().unwrap_or(0.0));
                     // The surface moves along the ray by jacobian · step when the center moves by step.
-                    let jacobian = (center - ray * surface) / (half_chord * ray_square);
+                    let jacobian = (center - ray * surface) / (half * ray.norm_squared());
                     let slope_x = surface * jacobian.x / camera.fx;
                     let slope_y = surface * jacobian.y / camera.fy;
-                    let (axial, lateral) = (noise.axial(z), noise.lateral(half_chord / radius));
+                    let (axial, lateral) = (noise.axial(z), noise.lateral(half / radius));
                     let variance = axial * axial + lateral * lateral * (slope_x * slope_x + slope_y * slope_y);
                     if residual.abs() < near {
                         let normalized = residual.abs() / sqrt(variance);
@@ -234,20 +276,21 @@ impl<S: Sample> View<'_, S> {
 
     /// Fits the ball from a first guess of its center, camera frame, m; `pixels` is how many its component has. `None` where no ball of this
     /// radius looks like that.
-    pub fn fit(&self, start: Vec3, pixels: u32, scores: &mut [[f32; 5]]) -> Option<Found> {
+    pub fn fit(&self, start: Vec3, pixels: u32, scores: &mut [[f32; 5]], bias: &mut [f32]) -> Option<Found> {
         let mut guess = Guess { center: start, shortfall: SHORTFALL.0 / self.scale(start.z) };
         for _ in 0..3 {
-            let evidence = self.compare(&self.patch(&guess.center)?, &guess, &across(&guess.center), |_, _, _, _| ());
+            let evidence = self.compare(&self.patch(&guess.center)?, &guess, &across(&guess.center), &[], |_, _, _, _| ());
             guess.center = self.moved(&guess.center, &evidence.cap.hessian.cholesky()?.solve(&evidence.cap.gradient))?;
         }
         let across = across(&guess.center);
         let patch = self.patch(&guess.center)?;
         let window = self.noise.window.div_ceil(patch.stride);
+        self.smooth(&patch, &guess.center, window, scores, bias)?;
         let mut patch_scores = Scores::new(scores, patch.columns, patch.rows, window)?;
-        self.compare(&patch, &guess, &across, |x, y, cap, _| patch_scores.set(x, y, cap));
+        self.compare(&patch, &guess, &across, bias, |x, y, cap, _| patch_scores.set(x, y, cap));
         let cap_scores = patch_scores.covariance();
         let mut patch_scores = Scores::new(scores, patch.columns, patch.rows, window)?;
-        let mut evidence = self.compare(&patch, &guess, &across, |x, y, _, outline| patch_scores.set(x, y, outline));
+        let mut evidence = self.compare(&patch, &guess, &across, bias, |x, y, _, outline| patch_scores.set(x, y, outline));
         let outline_scores = patch_scores.covariance();
         let mut covariance = Mat3::zeros();
         for _ in 0..2 {
@@ -260,7 +303,7 @@ impl<S: Sample> View<'_, S> {
             let solver = joint.hessian.cholesky()?;
             covariance = symmetric(&solver.inverse());
             guess.center = self.moved(&guess.center, &solver.solve(&joint.gradient))?;
-            evidence = self.compare(&patch, &guess, &across, |_, _, _, _| ());
+            evidence = self.compare(&patch, &guess, &across, bias, |_, _, _, _| ());
         }
         let detection = self.judge(&evidence, &guess, covariance, &patch, pixels)?;
         Some(Found { detection, cap_ratio: evidence.cap.check(&cap_scores), outline_ratio: evidence.outline.check(&outline_scores) })

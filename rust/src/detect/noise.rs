@@ -99,9 +99,8 @@ impl<'s> Scores<'s> {
         }
     }
 
-    /// Covariance of the sum of all scores. Noise that is shared over a window of w × w is white noise ε, one a pixel, averaged:
-    /// e(p) = Σ ε(q)/w over the window at p. So Σ s(p) e(p) = Σ ε(q) (Σ s over the window at q)/w, and the ε are independent.
-    pub fn covariance(self) -> ScoreCovariance {
+    /// Replaces each pixel by the sum over the window that ends there.
+    fn sum_windows(&mut self) {
         let (width, window) = (self.width, self.window);
         for row in self.pixels.chunks_exact_mut(width) {
             box_sums(row, width, 1, window);
@@ -109,6 +108,25 @@ impl<'s> Scores<'s> {
         for column in 0..width {
             box_sums(self.pixels.get_mut(column..).unwrap_or_default(), self.height, width, window);
         }
+    }
+
+    /// For scores (value, 1, …) where there is a value and 0 where there is none: tells `each` pixel's column, row and mean value over the
+    /// window around it.
+    pub fn means(mut self, mut each: impl FnMut(usize, usize, f64)) {
+        self.sum_windows();
+        let half = self.window / 2;
+        for (y, row) in self.pixels.chunks_exact(self.width).skip(half).take(self.height + 1 - self.window).enumerate() {
+            for (x, [sum, count, ..]) in row.iter().skip(half).take(self.width + 1 - self.window).enumerate() {
+                each(x, y, if *count > 0.5 { f64::from(sum / count) } else { 0.0 });
+            }
+        }
+    }
+
+    /// Covariance of the sum of all scores. Noise that is shared over a window of w × w is white noise ε, one a pixel, averaged:
+    /// e(p) = Σ ε(q)/w over the window at p. So Σ s(p) e(p) = Σ ε(q) (Σ s over the window at q)/w, and the ε are independent.
+    pub fn covariance(mut self) -> ScoreCovariance {
+        self.sum_windows();
+        let window = self.window;
         let mut sum = [[0.0_f32; 5]; 5];
         for pixel in self.pixels.iter() {
             for (row, a) in sum.iter_mut().zip(pixel) {

@@ -49,6 +49,14 @@ impl Gravity {
         3.0 / self.information.trace()
     }
 
+    /// Squared Mahalanobis distance of what one flight says, `information` · g = `vector`, from what is known.
+    pub fn disagreement(&self, information: &Mat3, vector: &Vec3) -> f64 {
+        let (mean, covariance) = self.estimate();
+        let flight = information.try_inverse().unwrap_or_else(|| Mat3::from_diagonal_element(f64::INFINITY));
+        let difference = flight * vector - mean;
+        (flight + covariance).cholesky().map_or(f64::INFINITY, |c| difference.dot(&c.solve(&difference)))
+    }
+
     /// Adds what one flight says, `information` · g = `vector`, to the knowledge of the vector (not of the size).
     pub fn learn(&mut self, information: &Mat3, vector: &Vec3) {
         let sum = crate::math::symmetric(&(self.information + information));

@@ -64,8 +64,9 @@ pub fn simulate(scene: &str, out: &Path) -> Result<Summary, SimError> {
 /// # Errors
 /// Whatever `out` refuses.
 pub fn write_npz(scene: &Scene, out: impl Write + Seek) -> io::Result<()> {
-    // The same bytes whenever it is written; blank frames shrink to a quarter of what the usual level makes of them.
-    let options = SimpleFileOptions::default().last_modified_time(zip::DateTime::default()).compression_level(Some(9)).large_file(true);
+    // The same bytes whenever it is written. The highest level makes a quarter of blank frames, and nothing but heat of noisy ones.
+    let level = scene.is_blank().then_some(9);
+    let options = SimpleFileOptions::default().last_modified_time(zip::DateTime::default()).compression_level(level).large_file(true);
     let mut zip = ZipWriter::new(BufWriter::new(out));
     let camera = scene.camera();
     let frames = scene.truth().frames.len() as u64;

@@ -87,6 +87,11 @@ impl Scene {
         camera(parameters, 1.0, self.sight.pose.filter(|_| parameters.pose))
     }
 
+    /// Whether the camera sees nothing but balls.
+    pub fn is_blank(&self) -> bool {
+        self.stage.solids.iter().all(|s| !s.visible)
+    }
+
     /// What really happens.
     pub fn truth(&self) -> &Truth {
         &self.truth

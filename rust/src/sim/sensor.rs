@@ -8,8 +8,8 @@ use super::impact::Solid;
 use super::noise::{Field, Rect};
 use crate::geometry::camera::{Camera, NO_DISPARITY, Pose};
 use crate::math::Vec3;
+use rand::SeedableRng;
 use rand::rngs::Xoshiro256PlusPlus;
-use rand::{RngExt, SeedableRng};
 use std::vec::Vec;
 
 /// Focal length, px.
@@ -289,8 +289,8 @@ impl Sensor {
                     continue;
                 }
                 let index = image.index(x, y);
-                let jitter = f64::from(self.edge.values[rect.index(x, y)]) * self.errors.sigma;
-                let raw = self.winner(&shares, front.label, jitter).map_or(f32::INFINITY, |(label, raw)| {
+                let chance = f64::from(self.edge.values[rect.index(x, y)]);
+                let raw = self.winner(&shares, front.label, chance).map_or(f32::INFINITY, |(label, raw)| {
                     let frozen = if label >= SOLIDS { self.frozen[index] } else { 0.0 };
                     raw + frozen
                 });
@@ -300,18 +300,19 @@ impl Sensor {
         self.hits = hits;
     }
 
-    /// The object that a window with these shares reads, and its mean raw disparity. `jitter` (sd 1) moves the front object's silhouette by Nguyen's
-    /// lateral noise: an edge that lies `d` pixels farther out fills `d` more columns of the window.
-    fn winner(&mut self, shares: &[Share], front: usize, jitter: f64) -> Option<(usize, f32)> {
+    /// The object that a window with these shares reads, and its mean raw disparity. `chance` (normal, sd 1) moves the front object's
+    /// silhouette by Nguyen's lateral noise (an edge that lies `d` pixels farther out takes `d` columns of the window from what is behind), and decides
+    /// whether a surface that is seen obliquely is lost.
+    fn winner(&self, shares: &[Share], front: usize, chance: f64) -> Option<(usize, f32)> {
         let mean_cos = |s: &Share| (s.cos / s.pixels as f64).clamp(0.0, 1.0);
         let nothing = (shares[NOTHING].pixels + shares[SHADOW].pixels) as f64;
         let mut best = (NOTHING, nothing);
         for (label, share) in shares.iter().enumerate().skip(BALLS).filter(|(_, s)| s.pixels > 0) {
             let mut vote = share.pixels as f64;
-            if label == front {
+            if label == front && share.pixels < self.errors.window * self.errors.window {
                 let incidence = mean_cos(share).acos().min(GRAZING[1]);
                 let lateral_sd = 0.8 + 0.035 * incidence / (core::f64::consts::FRAC_PI_2 - incidence);
-                vote += lateral_sd * jitter * self.errors.window as f64;
+                vote += 2.0 * self.errors.sigma * lateral_sd * chance * self.errors.window as f64;
             }
             if vote > best.1 {
                 best = (label, vote);
@@ -319,7 +320,8 @@ impl Sensor {
         }
         let share = (best.0 >= BALLS).then(|| &shares[best.0])?;
         let faded = (mean_cos(share).acos() - GRAZING[0]) / (GRAZING[1] - GRAZING[0]);
-        let lost = faded > 0.0 && self.rng.random::<f64>() < faded;
+        // The normal distribution makes `chance` uniform: neighbours share their window, and are lost together.
+        let lost = faded > 0.0 && 0.5 * libm::erfc(chance * core::f64::consts::FRAC_1_SQRT_2) < faded;
         (!lost).then(|| (best.0, raw_disparity(share.pixels as f64 / share.inverse_depth) as f32))
     }
 }

@@ -74,7 +74,7 @@ impl SourceError {
         }
     }
 
-    pub(super) fn malformed(source_name: &str, what: impl Into<String>) -> Self {
+    pub(crate) fn malformed(source_name: &str, what: impl Into<String>) -> Self {
         Self::Malformed { source_name: source_name.into(), what: what.into() }
     }
 }

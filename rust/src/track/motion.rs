@@ -241,9 +241,10 @@ impl Motion {
     /// The flight of the present phase is over.
     fn land(&mut self, window: &Window, until: f64, around: &Surroundings, findings: &mut Findings) {
         let samples = between(window.samples(), self.since, until);
+        let Some(last) = samples.last() else { return };
         let flight = if samples.len() >= 5 { Flight::fit(around.law, samples, around.gravity) } else { None };
         if let Some(flight) = flight.filter(|f| f.chi2 < limit(f.dof())) {
-            let _ = findings.push(Finding::Flown(flight, self.since, until));
+            let _ = findings.push(Finding::Flown(flight, self.since, last.t + 1e-9));
         }
     }
 

@@ -3,8 +3,8 @@
 use crate::config::Method;
 use crate::math::{Mat3, Vec3};
 use crate::physics::Sample;
-use crate::physics::flight::{Prediction, VELOCITY_SD};
-use crate::physics::law::State;
+use crate::physics::flight::{Flight, Prediction, VELOCITY_SD};
+use crate::physics::law::{FreeFall, Law, State};
 use crate::time::{after, seconds_between};
 use crate::track::Measurement;
 use crate::track::motion::{Findings, Motion, Surroundings};
@@ -103,23 +103,21 @@ impl Track {
         }
     }
 
-    /// Where the object is at `t` (s), with covariance: by the law that holds now, else as far as a ball may have got.
-    pub fn predict(&self, around: &Surroundings, t: f64) -> Prediction {
+    /// What tells where the object will be.
+    pub fn outlook(&self, around: &Surroundings) -> Outlook {
         let lawful = match &self.watch {
-            Watch::Best(motion) => motion.predict(around, t),
+            Watch::Best(motion) => motion.fit().map(|(fit, carried)| (fit.clone(), carried)),
             Watch::Paper(_) => {
                 let recent = self.samples().last_chunk::<6>().map_or(self.samples(), |c| c);
-                crate::physics::flight::Flight::fit(around.law, recent, around.gravity).map(|f| f.predict(around.law, t))
+                Flight::fit(around.law, recent, around.gravity).map(|fit| (fit, false))
             }
         };
-        lawful.unwrap_or_else(|| {
-            let position = self.samples().last().map_or_else(Vec3::zeros, |s| s.position);
-            let reach = VELOCITY_SD * (t - self.last);
-            Prediction {
-                state: State { t, position, velocity: Vec3::zeros() },
-                covariance: Mat3::from_diagonal_element(reach * reach + 1e-4),
-            }
-        })
+        Outlook { lawful, last: self.samples().last().copied() }
+    }
+
+    /// Where the object is at `t` (s).
+    pub fn predict(&self, around: &Surroundings, t: f64) -> Prediction {
+        self.outlook(around).predict(around.law, t)
     }
 
     /// Whether an object that touches something on its way may be at `center` at time `t` (s).
@@ -129,5 +127,29 @@ impl Track {
         let speed = previous.map_or(3.0, |p| (last.position - p.position).norm() / (last.t - p.t));
         let dt = t - last.t;
         (center - last.position).norm() < 0.05 + (1.2 * speed + 1.0) * dt + 5.0 * dt * dt
+    }
+}
+
+/// What tells where an object will be: the law that holds for it now, or only where it was last.
+#[derive(Clone, Debug)]
+pub struct Outlook {
+    /// And whether a surface carries it.
+    lawful: Option<(Flight, bool)>,
+    last: Option<Sample>,
+}
+
+impl Outlook {
+    /// Center and covariance at `t` (s): by the law that holds, else as far as a ball may have got.
+    pub fn predict(&self, law: &dyn Law, t: f64) -> Prediction {
+        match &self.lawful {
+            Some((fit, true)) => fit.predict(&FreeFall, t),
+            Some((fit, false)) => fit.predict(law, t),
+            None => {
+                let (position, since) = self.last.map_or((Vec3::zeros(), t), |s| (s.position, s.t));
+                let reach = VELOCITY_SD * (t - since);
+                let state = State { t, position, velocity: Vec3::zeros() };
+                Prediction { state, covariance: Mat3::from_diagonal_element(reach * reach + 1e-4) }
+            }
+        }
     }
 }

@@ -13,8 +13,8 @@ pub struct PaperMotion {
     theta: f64,
     /// Start of the present flight, s.
     since: f64,
-    /// First inconsistent sample after it, s.
-    at: Option<f64>,
+    /// The most inconsistent sample after it, s, and how far it was off, m.
+    at: Option<(f64, f64)>,
 }
 
 impl PaperMotion {
@@ -37,10 +37,13 @@ impl PaperMotion {
                 let measured = sample.position;
                 let alarm = Inconsistency { predicted, measured, distance, threshold: self.theta, p_value: None };
                 let _ = findings.push(Finding::Inconsistent(alarm));
-                self.at.get_or_insert(sample.t);
+                // Alarms come in rows, most of them noise: the worst one stands for its row.
+                if self.at.is_none_or(|(_, worst)| distance > worst) {
+                    self.at = Some((sample.t, distance));
+                }
             }
         }
-        if let Some(at) = self.at
+        if let Some((at, _)) = self.at
             && between(window.samples(), at, f64::INFINITY).len() >= SIDE
         {
             self.conclude(window, at, findings);
@@ -49,7 +52,7 @@ impl PaperMotion {
 
     /// Ends the motion.
     pub fn finish(&mut self, window: &Window, findings: &mut Findings) {
-        if let Some(at) = self.at {
+        if let Some((at, _)) = self.at {
             self.conclude(window, at, findings);
         }
     }

@@ -91,8 +91,8 @@ mod tests {
         for (rate, expected) in [(30.0, 30), (100.0, 100), (300.0, 100), (1000.0, 111)] {
             let mut window = Window::default();
             let mut out = 0;
-            for i in 0..rate as usize {
-                let t = i as f64 / rate;
+            for i in 0..rate as u32 {
+                let t = f64::from(i) / rate;
                 if let Some(s) = window.gather(t, Vec3::new(t, 0.0, 0.0), Mat3::identity()) {
                     assert!((s.position.x - s.t).abs() < 1e-12);
                     window.push(s);

@@ -1,0 +1,71 @@
+//! Seeing and reasoning allocate nothing once they are warm.
+#![allow(unsafe_code)] // An allocator that counts is the only way to see this.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+use physinc::config::Config;
+use physinc::seeing::{Buffers, Image, Seeing};
+use physinc::sim::Scene;
+
+thread_local! {
+    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
+}
+
+struct Counting;
+
+// SAFETY: every call is handed on to the system's allocator unchanged; the counter is a plain number that needs no allocation.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+        // SAFETY: as the caller promised.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: as the caller promised.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+        // SAFETY: as the caller promised.
+        unsafe { System.realloc(pointer, layout, size) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// How often `work` asks for memory, on this thread.
+fn allocations(work: impl FnOnce()) -> u64 {
+    let before = ALLOCATIONS.get();
+    work();
+    ALLOCATIONS.get() - before
+}
+
+#[test]
+fn the_counter_counts() {
+    assert_eq!(allocations(|| drop(std::hint::black_box(vec![1_u8]))), 1);
+    let mut vec = vec![1_u8];
+    assert_eq!(allocations(|| vec.reserve_exact(4096)), 1, "growing");
+    assert_eq!(allocations(|| assert!(std::hint::black_box(vec.len()) == 1)), 0);
+}
+
+/// From the first frame on: its buffers are all that seeing has.
+#[test]
+fn seeing_allocates_nothing() {
+    let scene = Scene::parse("bounce?seed=1").expect("a scene");
+    let (camera, config) = (scene.camera(), Config::default());
+    let buffers = Buffers::owned(camera.width, camera.height);
+    let mut seeing = Seeing::new(&camera, &config.object, config.tracking.background_frames, buffers).expect("a configuration that can be");
+    let mut detections = heapless::Vec::new();
+    let mut seen = 0;
+    let mut frames = scene.frames();
+    while let Some(frame) = frames.next_frame() {
+        let image = Image::U16(frame.samples);
+        assert_eq!(allocations(|| seeing.see(image, &mut detections).expect("the camera's image")), 0, "at {} ns", frame.timestamp_ns);
+        seen += detections.len();
+    }
+    assert!(seen > 10, "only {seen} balls: the scene showed nothing");
+}
