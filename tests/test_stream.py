@@ -76,6 +76,7 @@ def test_lists_are_instants_and_nan_is_not_seen() -> None:
         ([physinc.Position(0, [0, 0, 0]), (1, np.zeros((480, 640), np.uint16))], ValueError, "mixed"),
         ([[]], ValueError, "empty list"),
         ([[5]], TypeError, "can't use"),
+        ([[physinc.Position(0, [0, 0, 0])] * 17], ValueError, "at most 16"),
         ([[physinc.Position(0, [0, 0, 0]), physinc.Position(1, [0, 0, 0])]], ValueError, "same timestamp_ns"),
         ([], physinc.RecordingError, "empty"),
         ([(0, np.zeros((0, 0), np.uint16))], physinc.ConfigError, "tell fx"),

@@ -194,10 +194,12 @@ mod tests {
         let (sender, receiver) = channel();
         let run = Run::new("scripted", &Config::default(), None, Options::default()).unwrap();
         let reader = Reader::spawn(Box::new(Scripted(receiver)), run);
-        stamps.iter().for_each(|stamp| sender.send(*stamp).unwrap());
+        for &stamp in stamps {
+            sender.send(stamp).unwrap();
+        }
         then(&reader);
         // A source that is interrupted stays silent for ever.
-        let _silent = if stamps.last() == Some(&0) { Some(sender) } else { None };
+        let _silent = Some(sender).filter(|_| stamps.last() == Some(&0));
         let mut end = None;
         loop {
             match reader.next(Duration::from_secs(10)) {
