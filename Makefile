@@ -8,6 +8,7 @@ export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
 export VIRTUAL_ENV := $(CURDIR)/.venv
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+export PIP_QUIET := 1
 unexport CONDA_PREFIX PYTHONPATH PYTHONHOME
 
 .PHONY: help demo test test-rust test-python bench measures lint format clean
@@ -59,11 +60,11 @@ clean:  ## remove .venv and target
 	@touch $@
 
 .venv/.tools: .venv/.python requirements-dev.txt
-	python -m pip install --quiet --requirement requirements-dev.txt
+	python -m pip install --requirement requirements-dev.txt
 	@touch $@
 
 .venv/.bench: .venv/.installed requirements-bench.txt
-	python -m pip install --quiet --requirement requirements-bench.txt
+	python -m pip install --requirement requirements-bench.txt
 	@touch $@
 
 # Python's own sources are linked, not copied: only Rust is built anew.

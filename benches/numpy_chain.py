@@ -115,20 +115,19 @@ class Chain:
             self.depths = np.where(inverse > 0, 1 / inverse, np.inf).astype(np.float32)
         self.depths[2047] = np.inf
         self.camera, self.blobs = camera, blobs
-        self.background: Array = np.full((camera["height"], camera["width"]), np.inf, np.float32)
+        self.nearest: Array = np.full((camera["height"], camera["width"]), np.inf, np.float32)
+        self.depth: Array = np.empty_like(self.nearest)
         self.frames = self.positions = self.inconsistencies = 0
         self.flight: deque[tuple[float, Array]] = deque(maxlen=WINDOW)
 
     def frame(self, timestamp_ns: int, raw: Array) -> None:
         """One disparity frame."""
-        depth = self.depths[raw]
+        depth = np.take(self.depths, raw, out=self.depth, mode="clip")
         self.frames += 1
         if self.frames <= BACKGROUND_FRAMES:
-            np.minimum(self.background, depth, out=self.background)
+            np.minimum(self.nearest, depth - MARGIN, out=self.nearest)
             return
-        mask = depth < self.background - MARGIN
-        mask &= np.isfinite(depth)
-        for rows, columns in self.blobs(mask):
+        for rows, columns in self.blobs(depth < self.nearest):
             z = depth[rows, columns].astype(np.float64)
             x = (columns - self.camera["cx"]) / self.camera["fx"] * z
             y = (rows - self.camera["cy"]) / self.camera["fy"] * z

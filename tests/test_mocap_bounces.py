@@ -34,7 +34,7 @@ def mocap() -> ModuleType:
 
 def tsv(rows: list[list[object]]) -> str:
     """Three markers, of which the first has a name."""
-    header = [
+    header: list[list[object]] = [
         ["NO_OF_FRAMES", len(rows)],
         ["NO_OF_MARKERS", 3],
         ["FREQUENCY", 300],
@@ -93,7 +93,7 @@ def test_what_is_no_export_is_an_error_that_names_the_file(mocap: ModuleType, tm
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"no real recordings at {DATA} (PHYSINC_DATA names their folder)")
 @pytest.mark.parametrize("name", ["session7.json", "3_throws_tracking_lost_on_each.tsv", "6_throws_minimal_tracking_loss.tsv"])
 def test_real_throws_show_a_level_floor_and_gravity(name: str) -> None:
-    command = [sys.executable, ROOT / "examples" / "mocap_bounces.py", DATA / name]
+    command: list[str | Path] = [sys.executable, ROOT / "examples" / "mocap_bounces.py", DATA / name]
     run = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     assert run.returncode == 0, run.stderr
     lines = run.stdout.splitlines()

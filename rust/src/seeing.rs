@@ -87,7 +87,7 @@ pub struct Sizes {
     pub depths: usize,
     /// Of `runs`; more of them, and more clutter is borne.
     pub runs: usize,
-    /// Of `scores` and of `bias`.
+    /// Of `scores` and of `cap`.
     pub scores: usize,
 }
 
@@ -103,8 +103,8 @@ pub struct Buffers<'b> {
     pub runs: Slice<'b, Run>,
     /// One ball's pixels.
     pub scores: Slice<'b, [f32; 5]>,
-    /// What the matching window adds to their depth.
-    pub bias: Slice<'b, f32>,
+    /// What depths they should show.
+    pub cap: Slice<'b, f32>,
 }
 
 impl Buffers<'_> {
@@ -126,7 +126,7 @@ impl Buffers<'static> {
             depths: Slice::Owned(std::vec![0.0; sizes.depths]),
             runs: Slice::Owned(std::vec![Run::default(); sizes.runs]),
             scores: Slice::Owned(std::vec![[0.0; 5]; sizes.scores]),
-            bias: Slice::Owned(std::vec![0.0; sizes.scores]),
+            cap: Slice::Owned(std::vec![0.0; sizes.scores]),
         }
     }
 }
@@ -164,7 +164,7 @@ impl<'b> Seeing<'b> {
             && buffers.depths.len() >= sizes.depths
             && buffers.runs.len() >= sizes.runs
             && buffers.scores.len() >= sizes.scores
-            && buffers.bias.len() >= sizes.scores;
+            && buffers.cap.len() >= sizes.scores;
         if !enough {
             return Err(ConfigError { key: "camera.width", value: camera.width as f64, expected: "buffers of the camera's size" });
         }
@@ -226,7 +226,7 @@ impl<'b> Seeing<'b> {
     }
 
     fn see_samples<S: Sample>(&mut self, samples: &[S], detections: &mut Vec<Detection, 16>) {
-        let Buffers { limits, farthest, depths, runs, scores, bias } = &mut self.buffers;
+        let Buffers { limits, farthest, depths, runs, scores, cap } = &mut self.buffers;
         let pixels = samples.len();
         let (Some(limits), Some(farthest)) = (limits.get_mut(..pixels), farthest.get_mut(..pixels)) else { return };
         if self.seen == 0 {
@@ -253,7 +253,7 @@ impl<'b> Seeing<'b> {
         for (index, run) in runs.iter().take(count).enumerate() {
             let Some(component) = run.component(index).filter(|c| c.pixels >= FEWEST_PIXELS) else { continue };
             let view = |radius| View { frame: &frame, camera: &self.camera, noise: self.noise, factors: self.factors, radius };
-            let Some(found) = look(view, &self.radii, component, scores, bias) else { continue };
+            let Some(found) = look(view, &self.radii, component, scores, cap) else { continue };
             if found.detection.blob == Blob::Whole {
                 self.factors.cap.learn(found.cap_ratio);
                 self.factors.outline.learn(found.outline_ratio);
@@ -271,7 +271,7 @@ fn look<'v, S: Sample + 'v>(
     radii: &[f64],
     component: &Component,
     scores: &mut [[f32; 5]],
-    bias: &mut [f32],
+    cap: &mut [f32],
 ) -> Option<Found> {
     let (column, row, depth) = component.mean();
     let pixels = f64::from(component.pixels);
@@ -283,7 +283,7 @@ fn look<'v, S: Sample + 'v>(
     if !(0.25..4.0).contains(&ratio(radius)) {
         return None;
     }
-    view(radius).fit(start(radius), component.pixels, scores, bias)
+    view(radius).fit(start(radius), component.pixels, scores, cap)
 }
 
 #[cfg(test)]
@@ -298,18 +298,28 @@ mod tests {
         Camera::from_config(&CameraConfig::default(), DepthCode::Depth { units_per_metre: 1000.0 }).unwrap()
     }
 
-    /// Depth in metres of balls (center, radius) before a wall at `wall` m.
+    /// Depth in metres of balls (center, radius) before a wall at `wall` m, each reading the mean of its ball over a matching window.
     fn image(camera: &Camera, balls: &[(Vec3, f64)], wall: f64) -> StdVec<f32> {
-        let pixel = |i: usize| {
-            let ray = camera.deproject((i % camera.width) as f64, (i / camera.width) as f64, 1.0);
+        let (width, height) = (camera.width, camera.height);
+        let surface = |i: usize| {
+            let ray = camera.deproject((i % width) as f64, (i / width) as f64, 1.0);
             let depth = |(c, r): &(Vec3, f64)| {
                 let (a, b) = (ray.norm_squared(), ray.dot(c));
                 let square = b * b - a * (c.norm_squared() - r * r);
-                if square > 0.0 { (b - crate::math::sqrt(square)) / a } else { f64::INFINITY }
+                (square > 0.0).then(|| (b - crate::math::sqrt(square)) / a)
             };
-            balls.iter().map(depth).fold(wall, f64::min) as f32
+            balls.iter().enumerate().filter_map(|(ball, b)| Some((ball, depth(b)?))).min_by(|a, b| a.1.total_cmp(&b.1))
         };
-        (0..camera.width * camera.height).map(pixel).collect()
+        let surfaces: StdVec<_> = (0..width * height).map(surface).collect();
+        let reading = |i: usize| {
+            let Some((ball, _)) = surfaces[i] else { return wall as f32 };
+            let (x, y) = (i % width, i / width);
+            let rows = y.saturating_sub(3)..(y + 4).min(height);
+            let window = rows.flat_map(|y| (x.saturating_sub(4)..(x + 5).min(width)).map(move |x| y * width + x));
+            let depths: StdVec<f64> = window.filter_map(|i| surfaces[i].filter(|s| s.0 == ball)).map(|s| s.1).collect();
+            (depths.iter().sum::<f64>() / depths.len() as f64) as f32
+        };
+        (0..width * height).map(reading).collect()
     }
 
     fn balls_seen(camera: &Camera, radius: Radii, images: &[StdVec<f32>]) -> Vec<Detection, 16> {

@@ -5,7 +5,9 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
 use physinc::config::Config;
-use physinc::seeing::{Buffers, Image, Seeing};
+use physinc::engine::Engine;
+use physinc::event::{Event, Kind};
+use physinc::seeing::Image;
 use physinc::sim::Scene;
 
 thread_local! {
@@ -52,20 +54,21 @@ fn the_counter_counts() {
     assert_eq!(allocations(|| assert!(std::hint::black_box(vec.len()) == 1)), 0);
 }
 
-/// From the first frame on: its buffers are all that seeing has.
+/// From the first frame on: warm is what `Engine::new` left.
 #[test]
-fn seeing_allocates_nothing() {
+fn seeing_and_reasoning_allocate_nothing() {
     let scene = Scene::parse("bounce?seed=1").expect("a scene");
-    let (camera, config) = (scene.camera(), Config::default());
-    let buffers = Buffers::owned(camera.width, camera.height);
-    let mut seeing = Seeing::new(&camera, &config.object, config.tracking.background_frames, buffers).expect("a configuration that can be");
-    let mut detections = heapless::Vec::new();
-    let mut seen = 0;
+    let config = Config::default();
+    let mut contacts = 0_u64;
+    let mut count_contacts = |event: Event| contacts += u64::from(matches!(event.kind, Kind::Contact(_)));
+
+    let mut engine = Engine::new(&config, Some(&scene.camera())).expect("a configuration that can be");
     let mut frames = scene.frames();
     while let Some(frame) = frames.next_frame() {
         let image = Image::U16(frame.samples);
-        assert_eq!(allocations(|| seeing.see(image, &mut detections).expect("the camera's image")), 0, "at {} ns", frame.timestamp_ns);
-        seen += detections.len();
+        let count = allocations(|| engine.frame(frame.timestamp_ns, image, &mut count_contacts).expect("the camera's image"));
+        assert_eq!(count, 0, "at {} ns", frame.timestamp_ns);
     }
-    assert!(seen > 10, "only {seen} balls: the scene showed nothing");
+    assert_eq!(allocations(|| engine.finish(&mut count_contacts)), 0);
+    assert!(contacts > 5, "only {contacts} contacts: reasoning was never at work");
 }

@@ -17,11 +17,12 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("scene", &["geometry", "physics", "track"]),
     ("seeing", &["kinect", "stream", "geometry", "detect", "physics", "track", "scene"]),
     ("reasoning", &["kinect", "stream", "geometry", "detect", "physics", "track", "scene"]),
-    ("engine", &["kinect", "stream", "geometry", "detect", "physics", "track", "scene", "seeing", "reasoning"]),
+    ("timeline", &[]),
+    ("engine", &["timeline", "kinect", "stream", "geometry", "detect", "physics", "track", "scene", "seeing", "reasoning"]),
     // What it hands on are images and measurements.
-    ("source", &["kinect", "stream", "geometry", "config_file", "seeing", "track", "sim"]),
+    ("source", &["kinect", "stream", "geometry", "config_file", "seeing::Image", "seeing::SeeError", "track::Measurement", "sim"]),
     ("config_file", &["geometry"]),
-    ("run", &["geometry", "engine", "reasoning", "seeing", "source"]),
+    ("run", &["geometry", "engine", "reasoning::Predictor", "seeing::SeeError", "source"]),
     // Never an estimator: it makes what estimators are judged by.
     ("sim", &["geometry", "kinect"]),
     (

@@ -53,7 +53,7 @@ fn makes_sense(detection: &Detection) -> bool {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(200))]
+    #![proptest_config(ProptestConfig::with_cases(100))]
 
     #[test]
     fn any_images_give_detections_that_make_sense(

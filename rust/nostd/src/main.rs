@@ -7,9 +7,12 @@
 use core::hint::black_box;
 use physinc::config::{CameraConfig, Config};
 use physinc::detect::Blob;
+use physinc::engine::Engine;
+use physinc::event::{Event, Kind};
 use physinc::geometry::camera::{Camera, DepthCode};
-use physinc::math::sqrt;
+use physinc::math::{Mat3, Vec3, sqrt};
 use physinc::seeing::{Buffers, Image, Seeing, Sizes, Slice};
+use physinc::track::Measurement;
 
 const WIDTH: usize = 64;
 const HEIGHT: usize = 48;
@@ -21,7 +24,7 @@ const DEPTH: f64 = 1.2;
 
 /// What a microcontroller would do; false where an answer is not as it must be.
 fn core_works() -> bool {
-    sees_a_ball() == Some(true) && owns_a_vec()
+    sees_a_ball() == Some(true) && feels_a_floor() == Some(true) && owns_a_vec()
 }
 
 /// Learns a wall, then finds the default ball before it.
@@ -32,12 +35,14 @@ fn sees_a_ball() -> Option<bool> {
     let camera = Camera::from_config(&keys, DepthCode::Depth { units_per_metre: 1000.0 }).ok()?;
     let (mut limits, mut farthest, mut depths) = ([0; SIZES.pixels], [0; SIZES.pixels], [0.0; SIZES.depths]);
     let (mut runs, mut scores) = ([Default::default(); SIZES.runs], [Default::default(); SIZES.scores]);
+    let mut bias = [0.0; SIZES.scores];
     let buffers = Buffers {
         limits: Slice::Borrowed(&mut limits),
         farthest: Slice::Borrowed(&mut farthest),
         depths: Slice::Borrowed(&mut depths),
         runs: Slice::Borrowed(&mut runs),
         scores: Slice::Borrowed(&mut scores),
+        bias: Slice::Borrowed(&mut bias),
     };
     let mut seeing = Seeing::new(&camera, &config.object, 3, buffers).ok()?;
     let mut detections = Default::default();
@@ -47,6 +52,38 @@ fn sees_a_ball() -> Option<bool> {
     seeing.see(Image::U16(&ball(&camera, config.object.radius.as_slice()[0])), &mut detections).ok()?;
     let [ball] = detections.as_slice() else { return None };
     Some(ball.blob == Blob::Whole && ball.center.xy().norm() < 0.005 && (ball.center.z - DEPTH).abs() < 0.005)
+}
+
+/// Learns from positions alone that a ball touched something at a height of 0.
+fn feels_a_floor() -> Option<bool> {
+    let mut config = Config::default();
+    config.laws.drag = false;
+    config.object.contact_duration = 0.0;
+    let mut engine = Engine::for_positions(&config).ok()?;
+    let (mut lowest, fall, rebound) = (None, 0.45, 3.3);
+    let mut listen = |event: Event| {
+        if let Kind::Contact(contact) = event.kind {
+            lowest = Some(contact.center[2]);
+        }
+    };
+    for i in 0..28 {
+        let t = f64::from(i) * 0.033;
+        let z = if t < fall { 4.905 * (fall * fall - t * t) } else { (t - fall) * (rebound - 4.905 * (t - fall)) };
+        let measurement = Measurement {
+            time_ns: (t * 1e9) as i64,
+            center: Vec3::new(0.8 * t, 0.1 * t, z),
+            covariance: Some(Mat3::identity() * 1e-6),
+            center_in_camera: None,
+            label: None,
+            radius: 0.033,
+            points: None,
+            residual_rms: None,
+            whole: true,
+        };
+        engine.positions(measurement.time_ns, &[measurement], &mut listen);
+    }
+    engine.finish(&mut listen);
+    Some(lowest?.abs() < 0.005)
 }
 
 /// A ball at [`DEPTH`] on the optical axis, before the wall, mm.

@@ -9,6 +9,8 @@ use nalgebra::Vector2;
 
 /// Residuals beyond this many standard deviations count linearly only (Huber).
 const HUBER: f64 = 2.0;
+/// Part of the radius within which depth is compared: nearer to the edge, noise decides which pixels show the ball.
+const CAP: f64 = 0.85;
 /// Half the width over which the silhouette's edge is compared, px: wide enough for its noise, narrow enough to see nothing else.
 const BAND: f64 = 2.0;
 /// Prior of how far the silhouette falls short of the disc because grazing rays return nothing: mean and standard deviation, px.
@@ -66,6 +68,11 @@ impl Equations {
 /// The twofold pattern of a direction (x, y): what an ellipse or a saddle has, and a ball has not.
 fn twofold(x: f64, y: f64) -> Vector2<f64> {
     Vector2::new(x * x - y * y, 2.0 * x * y)
+}
+
+/// The threefold pattern of a direction: what a triangle has. Square windows leave twofold traces in a silhouette, but none of these.
+fn threefold(x: f64, y: f64) -> Vector2<f64> {
+    Vector2::new(x * (x * x - 3.0 * y * y), y * (3.0 * x * x - y * y))
 }
 
 /// A ball that was found, and what it tells of the noise: ratios to the modelled variance of its depth and of its silhouette.
@@ -180,27 +187,42 @@ impl<S: Sample> View<'_, S> {
         (self.camera.deproject(column as f64, row as f64, 1.0), row * self.camera.width + column)
     }
 
-    /// Fills `bias` with what the matching window adds to the depth of each pixel, m: a reading is the mean of the surface over the window.
-    fn smooth(&self, patch: &Patch, center: &Vec3, window: usize, scores: &mut [[f32; 5]], bias: &mut [f32]) -> Option<()> {
-        let surface = |x, y| {
-            let chord = Chord::new(&self.ray(patch, x, y).0, center, self.radius);
-            (chord.half > 0.0).then_some(chord.along - chord.half - center.z)
-        };
-        let mut depths = Scores::new(scores, patch.columns, patch.rows, window)?;
-        for (y, x) in (0..patch.rows).flat_map(|y| (0..patch.columns).map(move |x| (y, x))) {
-            if let Some(z) = surface(x, y) {
-                depths.set(x, y, &Score::new(z, 1.0, 0.0, 0.0, 0.0));
+    /// Fills `cap` with the depth that each pixel of the patch shows, less the center's, m: the mean of the surface over the matching window.
+    fn render(&self, patch: &Patch, center: &Vec3, scores: &mut [[f32; 5]], cap: &mut [f32]) -> Option<()> {
+        let mut surface = Scores::<2>::new(scores, patch.columns, patch.rows, self.window(patch))?;
+        for y in 0..patch.rows {
+            for x in 0..patch.columns {
+                let chord = Chord::new(&self.ray(patch, x, y).0, center, self.radius);
+                if chord.half > 0.0 {
+                    surface.set(x, y, [chord.along - chord.half - center.z, 1.0]);
+                }
             }
         }
-        depths.means(|x, y, mean| {
-            if let (Some(bias), Some(z)) = (bias.get_mut(y * patch.columns + x), surface(x, y)) {
-                *bias = (mean - z) as f32;
+        surface.means(|x, y, mean| {
+            if let Some(depth) = cap.get_mut(y * patch.columns + x) {
+                *depth = mean;
             }
         });
         Some(())
     }
 
-    /// Compares the image with a guess. `bias` is what [`View::smooth`] found. `score` is told, for each pixel of the patch, its part in the
+    /// The matching window, in pixels of the patch.
+    fn window(&self, patch: &Patch) -> [usize; 2] {
+        self.noise.window.map(|edge| edge.div_ceil(patch.stride))
+    }
+
+    /// The depth that a pixel of the patch shows, less the center's, and its derivatives by the center; `None` at the edge.
+    fn surface(&self, patch: &Patch, center: &Vec3, cap: &[f32], x: usize, y: usize) -> Option<(f64, Vec3)> {
+        let at = |x: usize, y: usize| cap.get(y * patch.columns + x).map(|z| f64::from(*z)).filter(|z| !z.is_nan());
+        // Moving the ball moves the picture of its cap: by the center's derivatives, the depth changes as it does from pixel to pixel.
+        let slope = |before: Option<f64>, after: Option<f64>, f: f64| Some((before? - after?) * f / (2.0 * patch.stride as f64 * center.z));
+        let right = slope(at(x.checked_sub(1)?, y), at(x + 1, y), self.camera.fx)?;
+        let down = slope(at(x, y.checked_sub(1)?), at(x, y + 1), self.camera.fy)?;
+        let along = 1.0 - (right * center.x + down * center.y) / center.z;
+        Some((at(x, y)?, Vec3::new(right, down, along)))
+    }
+
+    /// Compares the image with a guess. `cap` is what [`View::render`] made of it. `score` is told, for each pixel of the patch, its part in the
     /// two gradients times the standard deviation of its noise. `across` are two directions across the line of sight, in which the silhouette
     /// is measured.
     fn compare(
@@ -208,10 +230,10 @@ impl<S: Sample> View<'_, S> {
         patch: &Patch,
         guess: &Guess,
         across: &[Vec3; 2],
-        bias: &[f32],
+        cap: &[f32],
         mut score: impl FnMut(usize, usize, &Score, &Score),
     ) -> Evidence {
-        let (camera, noise, radius) = (self.camera, self.noise, self.radius);
+        let (noise, radius) = (self.noise, self.radius);
         let Guess { center, shortfall } = *guess;
         let scale = self.scale(center.z);
         let near = 2.0 * Self::jump(radius) + 4.0 * noise.axial(center.z);
@@ -230,14 +252,13 @@ impl<S: Sample> View<'_, S> {
                 evidence.mask += u32::from(shows);
                 let mut scores = [Score::zeros(); 2];
 
-                if let (Some(z), true) = (reading, half > 0.0) {
-                    let residual = z - surface - f64::from(bias.get(y * patch.columns + x).copied().unwrap_or(0.0));
-                    // The surface moves along the ray by jacobian · step when the center moves by step.
-                    let jacobian = (center - ray * surface) / (half * ray.norm_squared());
-                    let slope_x = surface * jacobian.x / camera.fx;
-                    let slope_y = surface * jacobian.y / camera.fy;
-                    let (axial, lateral) = (noise.axial(z), noise.lateral(half / radius));
-                    let variance = axial * axial + lateral * lateral * (slope_x * slope_x + slope_y * slope_y);
+                if let (Some(z), Some((depth, jacobian))) = (reading, self.surface(patch, &center, cap, x, y))
+                    && offset < CAP * radius
+                {
+                    let residual = z - center.z - depth;
+                    let slope_square = jacobian.x * jacobian.x + jacobian.y * jacobian.y;
+                    let (axial, lateral) = (noise.axial(center.z), noise.lateral(1.0 / sqrt(1.0 + slope_square)) / scale);
+                    let variance = axial * axial + lateral * lateral * slope_square;
                     if residual.abs() < near {
                         let normalized = residual.abs() / sqrt(variance);
                         let weight = (HUBER / normalized).min(1.0) / variance;
@@ -266,7 +287,7 @@ impl<S: Sample> View<'_, S> {
                     let (right, down) = (outward.dot(&across[0]), outward.dot(&across[1]));
                     let jacobian = Vec3::new(right, down, -1.0) * slope;
                     let sd = noise.lateral(1.0) / (2.0 * BAND);
-                    scores[1] = evidence.outline.add(&jacobian, &(twofold(right, down) * slope), residual, 1.0, sd);
+                    scores[1] = evidence.outline.add(&jacobian, &(threefold(right, down) * slope), residual, 1.0, sd);
                 }
                 score(x, y, &scores[0], &scores[1]);
             }
@@ -276,24 +297,28 @@ impl<S: Sample> View<'_, S> {
 
     /// Fits the ball from a first guess of its center, camera frame, m; `pixels` is how many its component has. `None` where no ball of this
     /// radius looks like that.
-    pub fn fit(&self, start: Vec3, pixels: u32, scores: &mut [[f32; 5]], bias: &mut [f32]) -> Option<Found> {
+    pub fn fit(&self, start: Vec3, pixels: u32, scores: &mut [[f32; 5]], cap: &mut [f32]) -> Option<Found> {
         let mut guess = Guess { center: start, shortfall: SHORTFALL.0 / self.scale(start.z) };
-        for _ in 0..3 {
-            let evidence = self.compare(&self.patch(&guess.center)?, &guess, &across(&guess.center), &[], |_, _, _, _| ());
-            guess.center = self.moved(&guess.center, &evidence.cap.hessian.cholesky()?.solve(&evidence.cap.gradient))?;
+        for _ in 0..2 {
+            let patch = self.patch(&guess.center)?;
+            self.render(&patch, &guess.center, scores, cap)?;
+            let evidence = self.compare(&patch, &guess, &across(&guess.center), cap, |_, _, _, _| ());
+            // Along the line of sight only: across it, the silhouette knows better.
+            let sight = guess.center.normalize();
+            let information = sight.dot(&(evidence.cap.hessian * sight));
+            guess.center = self.moved(&guess.center, &(sight * (sight.dot(&evidence.cap.gradient) / information)))?;
         }
         let across = across(&guess.center);
         let patch = self.patch(&guess.center)?;
-        let window = self.noise.window.div_ceil(patch.stride);
-        self.smooth(&patch, &guess.center, window, scores, bias)?;
-        let mut patch_scores = Scores::new(scores, patch.columns, patch.rows, window)?;
-        self.compare(&patch, &guess, &across, bias, |x, y, cap, _| patch_scores.set(x, y, cap));
-        let cap_scores = patch_scores.covariance();
-        let mut patch_scores = Scores::new(scores, patch.columns, patch.rows, window)?;
-        let mut evidence = self.compare(&patch, &guess, &across, bias, |x, y, _, outline| patch_scores.set(x, y, outline));
-        let outline_scores = patch_scores.covariance();
+        self.render(&patch, &guess.center, scores, cap)?;
+        let mut pixel_scores = Scores::new(scores, patch.columns, patch.rows, self.window(&patch))?;
+        self.compare(&patch, &guess, &across, cap, |x, y, cap, _| pixel_scores.set(x, y, (*cap).into()));
+        let cap_scores = pixel_scores.covariance();
+        let mut pixel_scores = Scores::new(scores, patch.columns, patch.rows, self.window(&patch))?;
+        let mut evidence = self.compare(&patch, &guess, &across, cap, |x, y, _, outline| pixel_scores.set(x, y, (*outline).into()));
+        let outline_scores = pixel_scores.covariance();
         let mut covariance = Mat3::zeros();
-        for _ in 0..2 {
+        for _ in 0..3 {
             let mut joint = evidence.cap.informed(&cap_scores, self.factors.cap.value())?;
             if let Some((outline, shortfall)) = self.outline(&evidence.outline, &outline_scores, &guess, &across) {
                 joint.hessian += outline.hessian;
@@ -302,8 +327,13 @@ impl<S: Sample> View<'_, S> {
             }
             let solver = joint.hessian.cholesky()?;
             covariance = symmetric(&solver.inverse());
-            guess.center = self.moved(&guess.center, &solver.solve(&joint.gradient))?;
-            evidence = self.compare(&patch, &guess, &across, bias, |_, _, _, _| ());
+            let step = solver.solve(&joint.gradient);
+            guess.center = self.moved(&guess.center, &step)?;
+            self.render(&patch, &guess.center, scores, cap)?;
+            evidence = self.compare(&patch, &guess, &across, cap, |_, _, _, _| ());
+            if step.norm() < 1e-2 * sqrt(covariance.trace()) {
+                break;
+            }
         }
         let detection = self.judge(&evidence, &guess, covariance, &patch, pixels)?;
         Some(Found { detection, cap_ratio: evidence.cap.check(&cap_scores), outline_ratio: evidence.outline.check(&outline_scores) })

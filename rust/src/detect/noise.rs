@@ -10,13 +10,14 @@ pub type ScoreCovariance = SMatrix<f64, 5, 5>;
 /// Noise of a depth image: along the ray, across it, and over how many pixels it is shared.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
-    /// Edge of the matching window, px: readings closer than this share noise, in proportion to how much their windows overlap.
-    pub window: usize,
+    /// Columns and rows of the matching window, px: readings whose windows overlap share noise in proportion. 9 × 9 or 9 × 7 in a Kinect v1
+    /// (Konolige and Mihelich 2010).
+    pub window: [usize; 2],
 }
 
 impl Default for Noise {
     fn default() -> Self {
-        Self { window: 9 }
+        Self { window: [9, 7] }
     }
 }
 
@@ -73,29 +74,29 @@ pub struct Factors {
     pub outline: Factor,
 }
 
-/// The pixels around one ball, each with its part in some estimates, times the standard deviation of its noise.
-pub struct Scores<'s> {
-    pixels: &'s mut [[f32; 5]],
+/// The pixels around one ball, each with its part in `N` estimates, times the standard deviation of its noise.
+pub struct Scores<'s, const N: usize> {
+    pixels: &'s mut [[f32; N]],
     width: usize,
     height: usize,
-    window: usize,
+    window: [usize; 2],
 }
 
-impl<'s> Scores<'s> {
+impl<'s, const N: usize> Scores<'s, N> {
     /// A patch of `width` × `height` pixels whose noise is shared over `window`; `None` where `pixels` are too few.
-    pub fn new(pixels: &'s mut [[f32; 5]], width: usize, height: usize, window: usize) -> Option<Self> {
-        let window = window.max(1);
-        let (width, height) = (width + window - 1, height + window - 1);
-        let pixels = pixels.get_mut(..width * height)?;
-        pixels.fill([0.0; 5]);
+    pub fn new(pixels: &'s mut [[f32; 5]], width: usize, height: usize, window: [usize; 2]) -> Option<Self> {
+        let window = window.map(|edge| edge.max(1));
+        let (width, height) = (width + window[0] - 1, height + window[1] - 1);
+        let pixels = pixels.as_flattened_mut().as_chunks_mut().0.get_mut(..width * height)?;
+        pixels.fill([0.0; N]);
         Some(Self { pixels, width, height, window })
     }
 
     /// Sets the scores of the pixel in column `x`, row `y` of the patch.
     #[inline]
-    pub fn set(&mut self, x: usize, y: usize, score: &Score) {
+    pub fn set(&mut self, x: usize, y: usize, scores: [f64; N]) {
         if let Some(pixel) = self.pixels.get_mut(y * self.width + x) {
-            *pixel = core::array::from_fn(|i| score[i] as f32);
+            *pixel = scores.map(|score| score as f32);
         }
     }
 
@@ -103,25 +104,29 @@ impl<'s> Scores<'s> {
     fn sum_windows(&mut self) {
         let (width, window) = (self.width, self.window);
         for row in self.pixels.chunks_exact_mut(width) {
-            box_sums(row, width, 1, window);
+            box_sums(row, width, 1, window[0]);
         }
         for column in 0..width {
-            box_sums(self.pixels.get_mut(column..).unwrap_or_default(), self.height, width, window);
+            box_sums(self.pixels.get_mut(column..).unwrap_or_default(), self.height, width, window[1]);
         }
     }
+}
 
-    /// For scores (value, 1, …) where there is a value and 0 where there is none: tells `each` pixel's column, row and mean value over the
-    /// window around it.
-    pub fn means(mut self, mut each: impl FnMut(usize, usize, f64)) {
+impl Scores<'_, 2> {
+    /// For scores (value, 1) where there is a value and 0 where there is none: tells `each` pixel's column, row and mean value over the
+    /// window around it, NaN where the window is empty.
+    pub fn means(mut self, mut each: impl FnMut(usize, usize, f32)) {
         self.sum_windows();
-        let half = self.window / 2;
-        for (y, row) in self.pixels.chunks_exact(self.width).skip(half).take(self.height + 1 - self.window).enumerate() {
-            for (x, [sum, count, ..]) in row.iter().skip(half).take(self.width + 1 - self.window).enumerate() {
-                each(x, y, if *count > 0.5 { f64::from(sum / count) } else { 0.0 });
+        let [right, down] = self.window.map(|edge| edge / 2);
+        for (y, row) in self.pixels.chunks_exact(self.width).skip(down).take(self.height + 1 - self.window[1]).enumerate() {
+            for (x, [sum, count]) in row.iter().skip(right).take(self.width + 1 - self.window[0]).enumerate() {
+                each(x, y, if *count > 0.5 { sum / count } else { f32::NAN });
             }
         }
     }
+}
 
+impl Scores<'_, 5> {
     /// Covariance of the sum of all scores. Noise that is shared over a window of w × w is white noise ε, one a pixel, averaged:
     /// e(p) = Σ ε(q)/w over the window at p. So Σ s(p) e(p) = Σ ε(q) (Σ s over the window at q)/w, and the ε are independent.
     pub fn covariance(mut self) -> ScoreCovariance {
@@ -135,17 +140,17 @@ impl<'s> Scores<'s> {
                 }
             }
         }
-        ScoreCovariance::from_fn(|i, j| f64::from(sum[i][j])) / (window * window) as f64
+        ScoreCovariance::from_fn(|i, j| f64::from(sum[i][j])) / (window[0] * window[1]) as f64
     }
 }
 
 /// Replaces each of the `count` values that lie `stride` apart by the sum of itself and the `window` − 1 before it; the last `window` − 1 are 0.
-fn box_sums(values: &mut [[f32; 5]], count: usize, stride: usize, window: usize) {
-    let mut sum = [0.0_f32; 5];
+fn box_sums<const N: usize>(values: &mut [[f32; N]], count: usize, stride: usize, window: usize) {
+    let mut sum = [0.0_f32; N];
     for i in (0..count + window).rev() {
         // Backwards, so that what leaves the window has not been overwritten yet.
-        let entering = if i >= window { values.get((i - window) * stride).copied().unwrap_or_default() } else { [0.0; 5] };
-        let leaving = if i < count { values.get(i * stride).copied().unwrap_or_default() } else { [0.0; 5] };
+        let entering = if i >= window { values.get((i - window) * stride).copied().unwrap_or([0.0; N]) } else { [0.0; N] };
+        let leaving = if i < count { values.get(i * stride).copied().unwrap_or([0.0; N]) } else { [0.0; N] };
         if let Some(value) = values.get_mut(i * stride).filter(|_| i < count) {
             *value = sum;
         }

@@ -123,8 +123,9 @@ impl Track {
     /// Whether an object that touches something on its way may be at `center` at time `t` (s).
     pub fn reaches(&self, center: &Vec3, t: f64) -> bool {
         let Some(last) = self.samples().last() else { return false };
-        let previous = self.samples().iter().rev().nth(1);
-        let speed = previous.map_or(3.0, |p| (last.position - p.position).norm() / (last.t - p.t));
+        // The last step may have been a bounce, there and back: the fastest of a few counts.
+        let speeds = self.samples().windows(2).rev().take(4).map(|w| (w[1].position - w[0].position).norm() / (w[1].t - w[0].t));
+        let speed = speeds.fold(1.0, f64::max);
         let dt = t - last.t;
         (center - last.position).norm() < 0.05 + (1.2 * speed + 1.0) * dt + 5.0 * dt * dt
     }
