@@ -107,14 +107,14 @@ def report(recording: Recording, config: physinc.Config) -> None:
                 x, y, z = event.center
                 restitution = "   ?" if event.restitution is None else f"{event.restitution:.2f}"
                 surface = "?" if event.surface is None else event.surface
-                speed = math.hypot(*event.velocity_before)
+                speed = math.nan if event.velocity_before is None else math.hypot(*event.velocity_before)
                 print(f"{event.time_ns / 1e9:8.3f} {x:7.3f} {y:7.3f} {z:7.3f} {speed:11.2f} {restitution:>13} {surface:>9}")
             case physinc.Surface(final=True, merged_into=None):
                 surfaces.append(event)
             case physinc.CameraOrientation(final=True):
                 gravity.append(event)
     for found in surfaces:
-        tilt = math.degrees(found.tilt)
+        tilt = math.nan if found.tilt is None else math.degrees(found.tilt)
         print(f"surface {found.id}: {found.contacts} contacts, {found.offset:.4f} m along its normal, tilted by {tilt:.1f}°")
     if gravity:
         size = math.hypot(*gravity[-1].gravity_in_camera)

@@ -35,7 +35,7 @@ def test_the_dataclasses_have_the_engines_keys_and_defaults() -> None:
 
 
 def test_every_key_passes_from_python_to_the_engine() -> None:
-    pose = [[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.5], [0, 0, 0, 1]]
+    pose = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.5], [0.0, 0.0, 0.0, 1.0]]
     config = physinc.Config(
         camera=physinc.CameraConfig(320, 240, 288, 289, 160, 120, 1000, False, [3.0, -0.003], 5, 0.01, pose),
         object=physinc.ObjectConfig("sphere", [0.02, 0.033], 0.06, 0.5, 0.0, 3.0),

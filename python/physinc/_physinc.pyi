@@ -1,6 +1,5 @@
 import os
 from collections.abc import Iterable, Mapping
-from types import TracebackType
 from typing import Any, ClassVar, Literal, TypeAlias, final
 
 import numpy as np
@@ -121,7 +120,7 @@ class Counters:
 class StreamStarted:
     """The stream began."""
 
-    __match_args__: ClassVar[tuple[str, ...]]
+    __match_args__ = ("source", "camera", "world_from_camera")
     @property
     def event(self) -> Literal["stream_started"]:
         """The event's name."""
@@ -156,7 +155,7 @@ class Position:
     """An object was seen here."""
 
     def __new__(cls, timestamp_ns: int, center: ArrayLike, covariance: ArrayLike | None = None, track: int | None = None) -> Self: ...
-    __match_args__: ClassVar[tuple[str, ...]]
+    __match_args__ = ("frame", "center", "center_in_camera", "covariance", "points", "residual_rms")
     @property
     def event(self) -> Literal["position"]:
         """The event's name."""
@@ -199,7 +198,7 @@ class Position:
 class TrackStarted:
     """A track began."""
 
-    __match_args__: ClassVar[tuple[str, ...]]
+    __match_args__ = ("reason",)
     @property
     def event(self) -> Literal["track_started"]:
         """The event's name."""
@@ -227,7 +226,7 @@ class TrackStarted:
 class TrackEnded:
     """A track ended."""
 
-    __match_args__: ClassVar[tuple[str, ...]]
+    __match_args__ = ("reason",)
     @property
     def event(self) -> Literal["track_ended"]:
         """The event's name."""
@@ -255,7 +254,7 @@ class TrackEnded:
 class Inconsistency:
     """Measurement and prediction disagree (Eq. 3, or the whitened test)."""
 
-    __match_args__: ClassVar[tuple[str, ...]]
+    __match_args__ = ("predicted", "measured", "distance", "threshold", "p_value")
     @property
     def event(self) -> Literal["inconsistency"]:
         """The event's name."""
@@ -295,7 +294,20 @@ class Inconsistency:
 class Contact:
     """The object touched something."""
 
-    __match_args__: ClassVar[tuple[str, ...]]
+    __match_args__ = (
+        "id",
+        "time_ns",
+        "time_sd",
+        "center",
+        "point",
+        "covariance",
+        "normal",
+        "direction",
+        "velocity_before",
+        "velocity_after",
+        "restitution",
+        "surface",
+    )
     @property
     def event(self) -> Literal["contact"]:
         """The event's name."""
@@ -356,7 +368,19 @@ class Contact:
 class Surface:
     """A plane that was touched, or is known."""
 
-    __match_args__: ClassVar[tuple[str, ...]]
+    __match_args__ = (
+        "id",
+        "name",
+        "normal",
+        "offset",
+        "covariance",
+        "tilt",
+        "tilt_sd",
+        "contacts",
+        "outline",
+        "above",
+        "merged_into",
+    )
     @property
     def event(self) -> Literal["surface"]:
         """The event's name."""
@@ -414,7 +438,7 @@ class Surface:
 class CameraOrientation:
     """Gravity as the flights show it."""
 
-    __match_args__: ClassVar[tuple[str, ...]]
+    __match_args__ = ("id", "gravity_in_camera", "roll", "pitch", "covariance", "flights")
     @property
     def event(self) -> Literal["camera_orientation"]:
         """The event's name."""
@@ -457,7 +481,7 @@ class CameraOrientation:
 class Gap:
     """Input is missing."""
 
-    __match_args__: ClassVar[tuple[str, ...]]
+    __match_args__ = ("start_ns", "end_ns", "reason", "frames", "packets", "samples")
     @property
     def event(self) -> Literal["gap"]:
         """The event's name."""
@@ -500,7 +524,7 @@ class Gap:
 class StreamEnded:
     """The stream is over."""
 
-    __match_args__: ClassVar[tuple[str, ...]]
+    __match_args__ = ("reason", "counters")
     @property
     def event(self) -> Literal["stream_ended"]:
         """The event's name."""
@@ -551,7 +575,7 @@ class Stream:
     def __iter__(self) -> Self: ...
     def __next__(self) -> _Event: ...
     def __enter__(self) -> Self: ...
-    def __exit__(self, *_exception: BaseException | type[BaseException] | TracebackType | None) -> None: ...
+    def __exit__(self, *_exception: object) -> None: ...
     def close(self) -> None:
         """Stop reading; no more events."""
     def interrupt(self) -> None:

@@ -28,12 +28,19 @@ app = App(
     Exit codes: 0 the source ended, 1 it broke, 2 usage or configuration, 3 no device, 130 Ctrl-C.""",
 )
 
+
+def no_option(_: Any, source: str | None) -> None:
+    """Of what begins with a hyphen only `-` is a source."""
+    if source is not None and source.startswith("-") and source != "-":
+        raise ValueError(f"there is no option {source}")
+
+
 Flag = Parameter(negative="", show_default=False)
 
 
 @app.command
 def run(
-    source: str | None = None,
+    source: Annotated[str | None, Parameter(allow_leading_hyphen=True, validator=no_option)] = None,
     /,
     *,
     json: Annotated[bool, Flag] = False,
@@ -75,6 +82,7 @@ def run(
         Live devices may be away for so many seconds; recordings don't go away.
     dump_config
         Print the configuration in force, and exit.
+
     """
     del every_frame, reconnect
     if dump_config:
@@ -126,6 +134,7 @@ def simulate(scene: str, out: Path, /) -> int:
         with keys, if any, as in "bounce?seed=3&distance=2".
     out
         The recording. `physinc run OUT.npz` tells what happens in it.
+
     """
     frames, balls, contacts = simulate_scene(scene, out)
     sys.stderr.write(f"{out}: {frames} frames, {balls} throws, {contacts} contacts\n")

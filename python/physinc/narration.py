@@ -12,11 +12,19 @@ from . import _physinc as p
 from .event import Event
 
 
+class Plain(Console):
+    """A console that leaves closed pipes to the command line."""
+
+    def on_broken_pipe(self) -> None:
+        """Say that nobody reads any more."""
+        raise BrokenPipeError
+
+
 class Narration:
     """Prints bounces as they are told, and at the end the surfaces and a line of counters."""
 
     def __init__(self, console: Console | None = None) -> None:
-        self.console = console or Console(highlight=False, soft_wrap=True)
+        self.console = console or Plain(highlight=False, soft_wrap=True)
         self.start_ns = 0
         self.surfaces: dict[int, p.Surface] = {}
         self.restitutions: list[tuple[int, float]] = []

@@ -20,9 +20,9 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("timeline", &[]),
     ("engine", &["timeline", "kinect", "stream", "geometry", "detect", "physics", "track", "scene", "seeing", "reasoning"]),
     // What it hands on are images and measurements.
-    ("source", &["kinect", "stream", "geometry", "config_file", "seeing", "track", "sim"]),
+    ("source", &["kinect", "stream", "geometry", "config_file", "seeing::Image", "seeing::SeeError", "track::Measurement", "sim"]),
     ("config_file", &["geometry"]),
-    ("run", &["geometry", "engine", "reasoning", "seeing", "source"]),
+    ("run", &["geometry", "engine", "reasoning::Predictor", "seeing::SeeError", "source"]),
     // Never an estimator: it makes what estimators are judged by.
     ("sim", &["geometry", "kinect"]),
     (

@@ -8,7 +8,7 @@ use crate::geometry::camera::{Camera, DepthCode};
 use crate::math::Mat3;
 use crate::run::{Options, Run, Step};
 use crate::seeing::Image;
-use crate::source::{Input, measurement};
+use crate::source::{Input, MOST_POSITIONS, measurement};
 use crate::track::Measurement;
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
@@ -61,6 +61,9 @@ impl Iterable {
     }
 
     fn positions(&mut self, positions: &[Bound<'_, Position>]) -> PyResult<Step> {
+        if positions.len() > MOST_POSITIONS {
+            return Err(PyValueError::new_err(format!("at most {MOST_POSITIONS} positions of one instant, got {}", positions.len())));
+        }
         let Some(first) = positions.first() else {
             return Err(PyValueError::new_err(
                 "an empty list has no time: for an instant at which nothing was seen, give a Position with NaN",

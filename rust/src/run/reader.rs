@@ -157,3 +157,85 @@ fn read(mut source: Box<dyn Source>, shared: &Shared) -> Result<(), SourceError>
     }
     if shared.lock().run.has_begun() { Ok(()) } else { Err(SourceError::Empty { source_name: source.name().into() }) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Config;
+    use crate::event::Kind;
+    use crate::geometry::camera::Camera;
+    use crate::run::Options;
+    use std::sync::mpsc::{Receiver, channel};
+
+    /// Hands out the stamps that it receives; one below zero breaks it.
+    struct Scripted(Receiver<i64>);
+
+    impl Source for Scripted {
+        fn name(&self) -> &'static str {
+            "scripted"
+        }
+
+        fn camera(&self) -> Option<Camera> {
+            None
+        }
+
+        fn next_input(&mut self) -> Result<Option<Input<'_>>, SourceError> {
+            match self.0.recv() {
+                Ok(-1) => panic!("a mistake"),
+                Ok(-2) => Err(SourceError::malformed("scripted", "broken")),
+                Ok(timestamp_ns) => Ok(Some(Input::Positions { timestamp_ns, positions: &[] })),
+                Err(_) => Ok(None),
+            }
+        }
+    }
+
+    /// The end that the stream tells, if any, and how it was over.
+    fn over(stamps: &[i64], then: impl FnOnce(&Reader)) -> (Option<EndReason>, Result<(), SourceError>) {
+        let (sender, receiver) = channel();
+        let run = Run::new("scripted", &Config::default(), None, Options::default()).unwrap();
+        let reader = Reader::spawn(Box::new(Scripted(receiver)), run);
+        for &stamp in stamps {
+            sender.send(stamp).unwrap();
+        }
+        then(&reader);
+        // A source that is interrupted stays silent for ever.
+        let _silent = Some(sender).filter(|_| stamps.last() == Some(&0));
+        let mut end = None;
+        loop {
+            match reader.next(Duration::from_secs(10)) {
+                Next::Step(step) => {
+                    end = step.events.iter().find_map(|event| match &event.kind {
+                        Kind::StreamEnded(ended) => Some(ended.reason),
+                        _ => end,
+                    });
+                }
+                Next::Silence => panic!("it hangs"),
+                Next::Over(outcome) => return (end, outcome),
+            }
+        }
+    }
+
+    #[test]
+    fn ends_as_its_source_does() {
+        assert!(matches!(over(&[1, 2], |_| ()), (Some(EndReason::EndOfSource), Ok(()))));
+        assert!(matches!(over(&[], |_| ()), (None, Err(SourceError::Empty { .. }))));
+        assert!(matches!(over(&[1, -2], |_| ()), (Some(EndReason::Disconnected), Err(SourceError::Malformed { .. }))));
+        let many: Vec<i64> = (1..1000).collect();
+        assert!(matches!(over(&many, |_| ()), (Some(EndReason::EndOfSource), Ok(()))));
+    }
+
+    #[test]
+    fn a_panic_is_an_error_and_no_hang() {
+        assert!(matches!(over(&[1, -1], |_| ()), (_, Err(SourceError::Panicked))));
+    }
+
+    #[test]
+    fn a_silent_source_can_be_interrupted() {
+        assert!(matches!(over(&[0], Reader::interrupt), (_, Ok(()))));
+        let begun = |reader: &Reader| {
+            assert!(matches!(reader.next(Duration::from_secs(10)), Next::Step(_)));
+            reader.interrupt();
+        };
+        assert!(matches!(over(&[0], begun), (Some(EndReason::Interrupted), Ok(()))));
+    }
+}

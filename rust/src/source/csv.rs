@@ -1,7 +1,7 @@
 //! Positions by any tracker, as CSV.
 
 use super::decimal::nanoseconds;
-use super::{Input, Source, SourceError, measurement};
+use super::{Input, MOST_POSITIONS, Source, SourceError, measurement};
 use crate::geometry::camera::Camera;
 use crate::math::{Mat3, Vec3};
 use crate::track::Measurement;
@@ -61,10 +61,12 @@ impl<R: Read> Csv<R> {
             return Ok(None);
         }
         let Some(columns) = &self.columns else { return Ok(None) };
-        columns.row(&self.record, self.radius).map(Some).map_err(|what| {
-            let line = self.record.position().map_or(0, ::csv::Position::line);
-            SourceError::malformed(&self.name, format!("line {line}: {what}"))
-        })
+        columns.row(&self.record, self.radius).map(Some).map_err(|what| self.malformed_line(&what))
+    }
+
+    fn malformed_line(&self, what: &str) -> SourceError {
+        let line = self.record.position().map_or(0, ::csv::Position::line);
+        SourceError::malformed(&self.name, format!("line {line}: {what}"))
     }
 }
 
@@ -84,7 +86,14 @@ impl<R: Read + Send> Source for Csv<R> {
         self.positions.extend(first.measurement);
         loop {
             match self.next_row()? {
-                Some(row) if row.timestamp_ns == timestamp_ns => self.positions.extend(row.measurement),
+                Some(row) if row.timestamp_ns == timestamp_ns => {
+                    self.positions.extend(row.measurement);
+                    if self.positions.len() > MOST_POSITIONS {
+                        return Err(
+                            self.malformed_line(&format!("more than {MOST_POSITIONS} positions at one time: does `t` stand still?"))
+                        );
+                    }
+                }
                 ahead => {
                     self.ahead = ahead;
                     return Ok(Some(Input::Positions { timestamp_ns, positions: &self.positions }));
@@ -191,6 +200,7 @@ impl<R: Read> Read for Lines<R> {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use std::borrow::ToOwned;
 
     /// Each instant's stamp and how many positions it has; or what is wrong.
     fn instants(text: impl AsRef<[u8]>) -> Result<Vec<(i64, usize)>, String> {
@@ -237,6 +247,7 @@ mod tests {
             ("t,x,y,z\n0,1,2\n", "line 2: 3 fields"),
             ("t,x,y,z\n0,1,two,3\n", "line 2: \"two\" is no number"),
             ("t,x,y,z,track\n0,1,2,3,-1\n", "line 2: track = \"-1\""),
+            (&("t,x,y,z\n".to_owned() + &"0,1,2,3\n".repeat(17)), "line 18: more than 16 positions at one time"),
             ("t,x,y,z,xx,xy,xz,yy,yz,zz\n0,1,2,3,1,2,0,1,0,1\n", "line 2: a covariance must be positive definite"),
         ] {
             let message = instants(text).unwrap_err();

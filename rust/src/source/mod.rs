@@ -126,6 +126,9 @@ pub fn camera_in_force(
 /// Positions farther out than this are taken for a mistake in units, m.
 const FARTHEST: f64 = 1e6;
 
+/// So many objects may be seen at one instant: what the engine takes.
+pub const MOST_POSITIONS: usize = 16;
+
 /// A measurement by some other tracker, checked.
 ///
 /// # Errors

@@ -1,0 +1,171 @@
+"""The command line: what it prints, its exit codes, Ctrl-C and closed pipes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+PHYSINC = [sys.executable, "-c", "import sys; from physinc.cli import main; sys.exit(main())"]
+
+
+def physinc(*arguments: str | Path, stdin: str = "") -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*PHYSINC, *map(str, arguments)], input=stdin, capture_output=True, text=True, timeout=60, check=False)
+
+
+def started(*arguments: str) -> subprocess.Popen[str]:
+    pipe = subprocess.PIPE
+    return subprocess.Popen([*PHYSINC, *arguments], stdin=pipe, stdout=pipe, stderr=pipe, text=True, bufsize=1)
+
+
+def events(out: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in out.splitlines()]
+
+
+def test_json_is_one_event_a_line_and_nothing_else(csv: Path) -> None:
+    done = physinc("run", csv, "--json")
+    told = events(done.stdout)
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert (told[0]["event"], told[-1]["event"]) == ("stream_started", "stream_ended")
+    assert told[-1]["counters"]["events"] == len(told)
+    assert all(event["final"] for event in told)
+    assert "position" not in {event["event"] for event in told}
+
+
+def test_positions_and_provisional_events_come_when_asked_for(csv: Path) -> None:
+    told = events(physinc("run", csv, "--json", "--positions", "--provisional").stdout)
+    assert sum(event["event"] == "position" for event in told) > 100
+    assert not all(event["final"] for event in told)
+
+
+def test_limits_end_a_stream(csv: Path) -> None:
+    assert events(physinc("run", csv, "--json", "--frames", "10").stdout)[-1]["counters"]["frames"] == 10
+    end = events(physinc("run", csv, "--json", "--duration", "0.5").stdout)[-1]
+    assert (end["reason"], end["counters"]["frames"]) == ("limit", 51)
+
+
+def test_people_are_told_of_bounces_surfaces_and_counters() -> None:
+    done = physinc("run", "demo")
+    assert done.returncode == 0
+    assert done.stdout.count("bounce of ball") >= 10
+    assert "mm above surface" in done.stdout
+    assert "µs a frame" in done.stdout.splitlines()[-1]
+
+
+def test_stdin_is_read(csv: Path) -> None:
+    piped = events(physinc("run", "-", "--json", stdin=csv.read_text()).stdout)
+    named = events(physinc("run", csv, "--json").stdout)
+    assert piped[0]["source"] == "-"
+    assert piped[1:] == named[1:]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["run", "nowhere.npz"], 1, "no such file"),
+        (["run", "/"], 1, "sources are"),
+        (["run", "sim:nowhere"], 1, "there is no scene"),
+        (["run", "demo", "--config", "nowhere.toml"], 2, "nowhere.toml"),
+        (["run", "demo", "--camera", "nowhere.toml"], 2, "nowhere.toml"),
+        (["run", "demo", "--frames", "0"], 2, "frames"),
+        (["run", "demo", "--nonsense"], 2, "nonsense"),
+        (["run", "demo", "twice"], 2, "twice"),
+        (["nonsense"], 2, "nonsense"),
+        (["run"], 3, "physinc run demo"),
+        (["run", "kinect:1"], 3, "physinc run demo"),
+        (["simulate", "nowhere", "out.npz"], 2, "there is no scene"),
+        (["simulate", "drop", "out.png"], 2, ".npz"),
+        (["simulate", "drop", "/nowhere/out.npz"], 1, "nowhere"),
+    ],
+)
+def test_errors_have_a_code_and_a_line_on_stderr(arguments: list[str], code: int, message: str) -> None:
+    done = physinc(*arguments, *(["--json"] if arguments[0] == "run" else []))
+    assert done.returncode == code
+    assert message in done.stderr
+    assert done.stdout == ""
+    assert "Traceback" not in done.stderr
+
+
+def test_what_came_before_the_break_is_told(csv: Path) -> None:
+    csv.write_text(csv.read_text() + "2.0,1,2,inf\n")
+    done = physinc("run", csv, "--json")
+    assert done.returncode == 1
+    assert "line 202" in done.stderr
+    assert events(done.stdout)[-1]["event"] == "stream_ended"
+
+
+def test_the_configuration_in_force_is_printed_and_read_back(tmp_path: Path) -> None:
+    config = tmp_path / "config.toml"
+    config.write_text("[object]\nradius = 0.02\n")
+    printed = physinc("run", "--dump-config", "--config", config)
+    assert printed.returncode == 0
+    assert "radius = 0.02" in printed.stdout
+    config.write_text(printed.stdout)
+    assert physinc("run", "--dump-config", "--config", config).stdout == printed.stdout
+    config.write_text("[object]\nradius = 0\n")
+    refused = physinc("run", "--dump-config", "--config", config)
+    assert refused.returncode == 2
+    assert "config.toml:2: object.radius = 0" in refused.stderr
+
+
+def test_help_names_every_command_and_option() -> None:
+    assert {"run", "simulate"} <= set(physinc("--help").stdout.split())
+    text = physinc("run", "--help").stdout
+    for option in ("json", "positions", "provisional", "config", "camera", "frames", "duration", "every-frame", "reconnect", "dump-config"):
+        assert f"--{option}" in text
+
+
+def test_a_simulation_can_be_run(tmp_path: Path) -> None:
+    assert physinc("simulate", "drop", tmp_path / "drop.npz").returncode == 0
+    assert any(event["event"] == "contact" for event in events(physinc("run", tmp_path / "drop.npz", "--json").stdout))
+
+
+def test_a_pipe_is_read_line_by_line() -> None:
+    with started("run", "-", "--json", "--positions") as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdin.write("t,x,y,z\n0,0,0,1\n0.01,0,0,1\n")
+        assert json.loads(process.stdout.readline())["event"] == "stream_started"
+        out, _ = process.communicate("", timeout=20)
+    assert process.returncode == 0
+    assert events(out)[-1]["counters"]["frames"] == 2
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals are POSIX's")
+@pytest.mark.parametrize("begun", [False, True])
+def test_ctrl_c_ends_a_silent_stream_at_once(begun: bool) -> None:
+    with started("run", "-", "--json") as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        if begun:
+            process.stdin.write("t,x,y,z\n0,0,0,1\n0.01,0,0,1\n")
+            process.stdout.readline()
+        else:
+            time.sleep(1.0)
+        process.send_signal(signal.SIGINT)
+        process.wait(timeout=20)
+        out, err = process.stdout.read(), process.stderr.read() if process.stderr else ""
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    if begun:
+        assert events(out)[-1]["reason"] == "interrupted"
+
+
+def test_a_closed_pipe_is_no_error() -> None:
+    for options in (["--json", "--positions"], []):
+        with started("run", "demo", *options) as process:
+            assert process.stdout is not None
+            assert process.stderr is not None
+            process.stdout.readline()
+            process.stdout.close()
+            err = process.stderr.read()
+            process.wait(timeout=20)
+        assert (process.returncode, err) == (0, "")

@@ -1,0 +1,216 @@
+"""Streams: Python iterables, and how a stream begins and ends."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import frames, trajectory
+
+import physinc
+
+
+def flight() -> Iterator[physinc.Position]:
+    t, centers = trajectory()
+    noise = np.random.default_rng(2).normal(0, 1e-3, centers.shape)
+    for now, center in zip(t, centers + noise, strict=True):
+        yield physinc.Position(round(now * 1e9), center)
+
+
+def names(events: list[physinc.Event]) -> list[str]:
+    return [event.event for event in events]
+
+
+def test_positions_from_a_csv_and_from_an_iterable_tell_the_same(tmp_path: Path) -> None:
+    path = tmp_path / "flight.csv"
+    rows = (f"{p.timestamp_ns}e-9," + ",".join(map(repr, p.center.tolist())) for p in flight())
+    path.write_text("t,x,y,z\n" + "\n".join(rows) + "\n")
+    vacuum = {"laws": {"drag": False}, "object": {"contact_duration": 0}}
+    from_csv, from_iterable = (list(physinc.stream(source, config=vacuum)) for source in (path, flight()))
+    assert from_csv[1:] == from_iterable[1:]
+    assert names(from_csv).count("contact") == 3
+    for contact in (event for event in from_csv if isinstance(event, physinc.Contact)):
+        assert contact.normal is not None
+        assert contact.normal[2] > 0.99
+        assert abs(contact.center[2] - 0.033) < 3e-3
+
+
+def test_frames_of_every_kind_and_layout_are_taken() -> None:
+    stamps, depth = frames()["timestamps_ns"], frames()["depth_mm"]
+    for image in (depth, depth.astype(np.float32) / 1000, np.asfortranarray(depth[0])[None].repeat(5, 0), depth[:, ::-1, ::-1]):
+        events = list(physinc.stream(zip(stamps, image, strict=True)))
+        assert names(events) == ["stream_started", "stream_ended"]
+        assert isinstance(events[-1], physinc.StreamEnded)
+        assert events[-1].counters.frames == 5
+
+
+def test_lists_are_instants_and_nan_is_not_seen() -> None:
+    nowhere = [float("nan")] * 3
+    items = [[physinc.Position(i, [0, 0, 1], track=1), physinc.Position(i, [1, 0, 1], track=2)] for i in range(3)]
+    events = list(physinc.stream([*items, physinc.Position(3, nowhere)]))
+    assert isinstance(events[-1], physinc.StreamEnded)
+    assert events[-1].counters.frames == 4
+
+
+@pytest.mark.parametrize(
+    ("items", "error", "message"),
+    [
+        (5, TypeError, "is no source"),
+        ([5], TypeError, "can't use"),
+        ([(0, 1, 2)], TypeError, "can't use"),
+        ([("0", np.zeros((480, 640), np.uint16))], TypeError, "can't use"),
+        ([(0, [[1]])], TypeError, "depth must be"),
+        ([(0, np.zeros((480, 640)))], TypeError, "float64"),
+        ([(0, np.zeros(640, np.uint16))], TypeError, "depth must be"),
+        ([(0, np.zeros((240, 320), np.uint16))], physinc.ConfigError, "tell fx"),
+        ([(0, np.zeros((480, 640), np.uint16)), (1, np.zeros((640, 480), np.uint16))], ValueError, "the camera is"),
+        ([(0, np.zeros((480, 640), np.uint16)), (1, np.zeros((480, 640), np.float32))], ValueError, "integer samples"),
+        ([(0, np.zeros((480, 640), np.uint16)), physinc.Position(1, [0, 0, 0])], ValueError, "mixed"),
+        ([physinc.Position(0, [0, 0, 0]), (1, np.zeros((480, 640), np.uint16))], ValueError, "mixed"),
+        ([[]], ValueError, "empty list"),
+        ([[5]], TypeError, "can't use"),
+        ([[physinc.Position(0, [0, 0, 0])] * 17], ValueError, "at most 16"),
+        ([[physinc.Position(0, [0, 0, 0]), physinc.Position(1, [0, 0, 0])]], ValueError, "same timestamp_ns"),
+        ([], physinc.RecordingError, "empty"),
+        ([(0, np.zeros((0, 0), np.uint16))], physinc.ConfigError, "tell fx"),
+    ],
+)
+def test_items_that_are_no_input_are_refused(items: Any, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        list(physinc.stream(items))
+
+
+def test_a_camera_of_another_size_is_told() -> None:
+    camera = {"fx": 288, "fy": 288, "cx": 160, "cy": 120}
+    events = list(physinc.stream([(0, np.zeros((240, 320), np.uint16))], camera=camera))
+    assert isinstance(events[0], physinc.StreamStarted)
+    assert events[0].camera is not None
+    assert (events[0].camera.width, events[0].camera.height) == (320, 240)
+
+
+def test_what_an_iterable_raises_passes_unchanged_and_closes() -> None:
+    failure = RuntimeError("the tracker is gone")
+
+    def tracker() -> Iterator[physinc.Position]:
+        yield physinc.Position(0, [0, 0, 1])
+        raise failure
+
+    stream = physinc.stream(tracker())
+    assert isinstance(next(stream), physinc.StreamStarted)
+    with pytest.raises(RuntimeError) as raised:
+        list(stream)
+    assert raised.value is failure
+    assert list(stream) == []
+
+
+def test_an_iterable_is_pulled_no_further_than_needed() -> None:
+    pulled: list[int] = []
+
+    def tracker() -> Iterator[physinc.Position]:
+        for i in range(1000):
+            pulled.append(i)
+            yield physinc.Position(i, [0, 0, 1])
+
+    stream = physinc.stream(tracker())
+    next(stream)
+    stream.close()
+    assert list(stream) == []
+    assert pulled == [0]
+
+
+def test_a_stream_that_iterates_itself_says_so() -> None:
+    streams: list[physinc.Stream] = []
+
+    def tracker() -> Iterator[physinc.Position]:
+        yield from (next(stream) for stream in streams)  # type: ignore[misc]
+
+    streams.append(physinc.stream(tracker()))
+    with pytest.raises(ValueError, match="already being iterated"):
+        list(streams[0])
+
+
+def test_stopping_early_ends_the_thread(csv: Path) -> None:
+    before = len(list(Path("/proc/self/task").iterdir())) if Path("/proc/self/task").exists() else None
+    for _ in range(50):
+        with physinc.stream(csv) as stream:
+            next(stream)
+        assert list(stream) == []
+    if before is not None:
+        deadline = time.monotonic() + 5
+        while len(list(Path("/proc/self/task").iterdir())) > before and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert len(list(Path("/proc/self/task").iterdir())) <= before
+
+
+def test_an_interrupted_stream_tells_its_end(csv: Path) -> None:
+    for source in (csv, flight()):
+        stream = physinc.stream(source)
+        next(stream)
+        stream.interrupt()
+        last = list(stream)[-1]
+        assert isinstance(last, physinc.StreamEnded)
+        assert last.reason == "interrupted"
+
+
+def test_silence_is_a_timeout_that_may_be_waited_out() -> None:
+    script = (
+        "import physinc\n"
+        "stream = physinc.stream('-', timeout=0.2)\n"
+        "try: next(stream)\n"
+        "except TimeoutError as error: print(type(error).__name__, error, flush=True)\n"
+        "while True:\n"
+        "    try: print(next(stream).event, flush=True)\n"
+        "    except TimeoutError: continue\n"
+        "    except StopIteration: break\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith("StreamTimeoutError no input for 0.")
+        out, _ = process.communicate("t,x,y,z\n0,0,0,1\n", timeout=20)
+    assert out.split()[0] == "stream_started"
+    assert out.split()[-1] == "stream_ended"
+
+
+@pytest.mark.parametrize("timeout", [0, -1, float("nan")])
+def test_a_timeout_that_cannot_be(timeout: float) -> None:
+    with pytest.raises(ValueError, match="timeout"):
+        physinc.stream("demo", timeout=timeout)
+
+
+def test_images_are_refused_until_they_are_there() -> None:
+    with pytest.raises(physinc.ConfigError, match="frames"):
+        physinc.stream("demo", frames=True)
+
+
+def test_other_threads_run_while_a_stream_works() -> None:
+    ticks = 0
+    done = threading.Event()
+
+    def tick() -> None:
+        nonlocal ticks
+        while not done.wait(0.001):
+            ticks += 1
+
+    thread = threading.Thread(target=tick)
+    thread.start()
+    frames_seen = list(physinc.stream("demo"))[-1]
+    done.set()
+    thread.join()
+    assert isinstance(frames_seen, physinc.StreamEnded)
+    assert ticks > 0
+
+
+def test_counters_and_reasons(csv: Path) -> None:
+    stream = physinc.stream(csv, positions=True)
+    events = list(stream)
+    assert isinstance(events[-1], physinc.StreamEnded)
+    assert stream.stats == events[-1].counters
+    assert stream.stats.events == len(events)
+    assert stream.busy > 0
