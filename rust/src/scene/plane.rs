@@ -15,7 +15,7 @@ const RESTITUTION_SCATTER: f64 = 0.015;
 /// Roughness of a floor, and what a ball is not round, m.
 const ROUGHNESS: f64 = 2e-4;
 /// What bends a bounce out of its plane besides spin, rad.
-const DEFLECTION: f64 = 5e-3;
+const DEFLECTION: f64 = 0.02;
 /// Most surfaces are horizontal; one that may be is taken to be, to within this, until its contacts know better, rad.
 const LEVEL_SD: f64 = 0.05;
 

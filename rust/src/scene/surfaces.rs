@@ -14,6 +14,8 @@ const PATCHES: usize = 64;
 const SURFACES: usize = 32;
 /// χ² beyond which a contact is not on a plane (three observations).
 const GATE: f64 = 25.0;
+/// χ² up to which two homeless contacts share a plane (six observations, four unknowns with priors).
+const PAIR: f64 = 14.0;
 /// Surfaces at an angle within this many standard deviations are parallel.
 const PARALLEL: f64 = 9.0;
 
@@ -120,7 +122,7 @@ impl Surfaces {
         let Some(alone) = Plane::fit(core::iter::once(patch), Some(up)) else { return };
         let partner = self.patches.iter().enumerate().filter(|(i, p)| *i != index && p.1.is_none()).find_map(|(i, p)| {
             let plane = Plane::fit([patch, &p.0].into_iter(), Some(up))?;
-            (plane.disagreement(patch) + plane.disagreement(&p.0) < GATE).then_some((i, plane))
+            (plane.chi2 < PAIR).then_some((i, plane))
         });
         let level = alone.turn_to(&up.direction, up.variance + 1e-4) < 9.0;
         let (partner, plane) = match partner {

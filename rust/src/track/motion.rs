@@ -20,12 +20,30 @@ const LONGEST_BRIDGE: f64 = 0.2;
 /// A contact needs measurements on both sides, and over some time (s): before it more, unless another contact began that flight.
 const BEFORE_CONTACT: (usize, f64) = (3, 0.06);
 const AFTER_CONTACT: (usize, f64) = (2, 0.03);
+/// Two contacts of one ball are further apart than this, s: what comes sooner is its swing after the first.
+const CHAIN: f64 = 0.03;
 /// What has no explanation after this, s, gets none.
 const PATIENCE: f64 = 0.12;
 /// Impulses smaller than this are none, m/s.
 const SMALLEST_IMPULSE: f64 = 0.4;
 /// How much of a supported object's acceleration friction may cause, m/s² (standard deviation).
 const FRICTION: f64 = 1.5;
+/// What is known of the acceleration of an object that something carries.
+const CARRIED: Gravity = Gravity {
+    mean: Vec3::new(0.0, 0.0, 0.0),
+    information: Mat3::new(
+        1.0 / (FRICTION * FRICTION),
+        0.0,
+        0.0,
+        0.0,
+        1.0 / (FRICTION * FRICTION),
+        0.0,
+        0.0,
+        0.0,
+        1.0 / (FRICTION * FRICTION),
+    ),
+    size: None,
+};
 /// A real ball swings after an impact, m per m/s of impulse, and for so long, s. (A simulated one doesn't.)
 const SWING: (f64, f64) = (6e-4, 0.1);
 
@@ -191,23 +209,27 @@ impl Motion {
     fn explain(&mut self, window: &mut Window, at: f64, around: &Surroundings, findings: &mut Findings) {
         let after = between(window.samples(), at, f64::INFINITY);
         let (Some(first), Some(last), count) = (after.first().copied(), after.last().copied(), after.len()) else { return };
-        if count == 2
-            && self.predict(around, last.t).is_some_and(|p| WhitenedTest::distance2(&p, &last.position, &covariance(&last)) < 12.0)
-        {
+        let back = |p: Prediction| WhitenedTest::distance2(&p, &last.position, &covariance(&last)) < 12.0;
+        if count == 2 && self.predict(around, last.t).is_some_and(back) {
             window.remove(first.t);
             self.phase = Phase::Flying;
             return self.refit(window, around);
         }
         let whole = between(window.samples(), self.since, f64::INFINITY);
-        let carried = || supported(whole).filter(|f| f.chi2 < limit(f.dof()));
         if count >= AFTER_CONTACT.0
             && last.t - self.since >= PATIENCE
-            && let Some(fit) = carried()
+            && let Some(fit) = supported(whole)
         {
             // It never flew: it was held, or lay, and a few samples of that pass for a flight.
             self.restart(Phase::Supported, self.since);
             self.fit = Some(fit);
             return;
+        }
+        let still = Flight::fit(around.law, whole, around.gravity).filter(|f| count >= 3 && f.chi2 < limit(f.dof()));
+        if still.is_some() {
+            // One flight explains all: the alarm was a false one.
+            self.phase = Phase::Flying;
+            return self.refit(window, around);
         }
         if count >= AFTER_CONTACT.0 && last.t - first.t >= AFTER_CONTACT.1 {
             if let Some(contact) = self.revised(window, around) {
@@ -292,8 +314,7 @@ impl Motion {
             return;
         }
         let rest = recent(0.2);
-        let carried = supported(rest).filter(|f| f.chi2 < limit(f.dof()));
-        if let Some(carried) = carried.filter(|_| long_enough(rest, 0.2)) {
+        if let Some(carried) = supported(rest).filter(|_| long_enough(rest, 0.2)) {
             self.restart(Phase::Supported, rest.first().map_or(last.t, |s| s.t));
             self.fit = Some(carried);
         }
@@ -302,8 +323,19 @@ impl Motion {
 
 /// A motion that a surface carries: no acceleration but friction's. Small hops are within what is allowed.
 fn supported(samples: &[Sample]) -> Option<Flight> {
-    let carried = Gravity { mean: Vec3::zeros(), information: Mat3::from_diagonal_element(1.0 / (FRICTION * FRICTION)), size: None };
-    Flight::fit(&FreeFall, samples, &carried)
+    // Many samples outvote a prior; that something falls must not be among what they say.
+    Flight::fit(&FreeFall, samples, &CARRIED).filter(|f| f.gravity.norm() < 3.0 * FRICTION && f.chi2 < limit(f.dof()))
+}
+
+/// Which part of gravity the samples show, with its standard deviation: 1 falls, 0 is carried.
+fn fall(samples: &[Sample], around: &Surroundings) -> Option<(f64, f64)> {
+    let free = Gravity { information: Mat3::from_diagonal_element(1e-4), size: None, ..*around.gravity };
+    let flight = Flight::fit(around.law, samples, &free)?;
+    let down = around.gravity.mean.try_normalize(1e-9)?;
+    let size = around.gravity.mean.norm();
+    let covariance: Mat3 = flight.covariance.fixed_view::<3, 3>(6, 6).into();
+    let excess = (flight.chi2 / (flight.dof() - 3.0).max(1.0)).max(1.0);
+    Some((flight.gravity.dot(&down) / size, sqrt(down.dot(&(covariance * down)) * excess) / size))
 }
 
 /// χ² that a true model with `dof` degrees of freedom does not exceed but once in ten thousand, with room for what real balls do
@@ -349,14 +381,19 @@ fn best_contact(samples: &[Sample], since: f64, at: f64, chained: bool, around: 
     let split = samples.partition_point(|s| s.t < at);
     let solver = Solver { law: around.law, gravity: around.gravity, duration: around.duration };
     let proven = |before: &[Sample]| match before {
-        [first, .., last] => chained || (before.len() >= BEFORE_CONTACT.0 && last.t - first.t >= BEFORE_CONTACT.1),
+        [first, .., last] => {
+            let enough = before.len() >= BEFORE_CONTACT.0 && last.t - first.t >= BEFORE_CONTACT.1;
+            (chained && last.t - first.t >= CHAIN) || (enough && fall(before, around).is_some_and(|(part, sd)| part > 0.5 && sd < 0.4))
+        }
         _ => false,
     };
+    let carried = |after: &[Sample]| fall(after, around).is_some_and(|(part, sd)| part < 0.5 && sd < 0.2);
     let score = |c: &Contact| c.chi2 - 3.0 * (c.counts[0] + c.counts[1]) as f64;
     (split.saturating_sub(2)..=(split + 1).min(samples.len().saturating_sub(AFTER_CONTACT.0)))
-        .filter(|&k| proven(&samples[..k]) && samples[k].t - samples[k - 1].t < LONGEST_BRIDGE)
+        .filter(|&k| proven(&samples[..k]) && !carried(&samples[k..]) && samples[k].t - samples[k - 1].t < LONGEST_BRIDGE)
         .filter_map(|k| {
-            let contact = plausible(solver.solve(samples, k, None)?, samples)?;
+            let contact = solver.solve(samples, k, None)?;
+            let contact = plausible(contact, samples)?;
             let inside = contact.time > samples[k - 1].t - around.duration - 2e-3 && contact.time < samples[k].t + 2e-3;
             (inside && admissible(&contact)).then_some(contact)
         })

@@ -1,6 +1,6 @@
 //! How good positions are that come without a covariance: told by their own smoothness, and by how well flights explain them.
 
-use crate::math::{Vec3, sqrt};
+use crate::math::sqrt;
 use crate::physics::Sample;
 use crate::physics::flight::Flight;
 use crate::physics::law::Law;
@@ -8,6 +8,8 @@ use heapless::Vec;
 
 /// Third differences that the median is taken of.
 const MEMORY: usize = 63;
+/// Flights that the median is taken of.
+const FLIGHTS: usize = 15;
 /// Before there are this many, the estimate is the prior.
 const ENOUGH: usize = 6;
 /// What is taken for a tracker of which nothing is known yet, m.
@@ -23,16 +25,15 @@ pub struct Noise {
     differences: Vec<f64, MEMORY>,
     next: usize,
     smoothness: f64,
-    /// Of flights: residuals squared, residuals times their neighbours, degrees of freedom.
-    squares: f64,
-    neighbours: f64,
-    dof: f64,
+    /// Variances of the last flights, m².
+    flights: Vec<f64, FLIGHTS>,
+    oldest: usize,
 }
 
 impl Noise {
     /// `told`: what the user knows, m.
     pub fn new(told: Option<f64>) -> Self {
-        Self { told, differences: Vec::new(), next: 0, smoothness: PRIOR_SD, squares: 0.0, neighbours: 0.0, dof: 0.0 }
+        Self { told, differences: Vec::new(), next: 0, smoothness: PRIOR_SD, flights: Vec::new(), oldest: 0 }
     }
 
     /// Takes in the third difference of the last four samples: motion under any smooth force leaves none, white noise leaves √20 of its
@@ -60,29 +61,31 @@ impl Noise {
 
     /// Takes in how well a flight explains its samples.
     pub fn learn(&mut self, flight: &Flight, law: &dyn Law, samples: &[Sample]) {
-        let mut previous: Option<Vec3> = None;
-        let mut state = flight.state;
+        if samples.len() < 8 {
+            return;
+        }
+        let (mut squares, mut state) = (0.0, flight.state);
         for sample in samples.iter().rev() {
             state = state.at(sample.t, law, &flight.gravity);
-            let residual = sample.position - state.position;
-            self.squares += residual.norm_squared();
-            self.neighbours += previous.map_or(0.0, |p| p.dot(&residual));
-            previous = Some(residual);
+            squares += (sample.position - state.position).norm_squared();
         }
-        self.dof += (flight.dof() * samples.len() as f64 / flight.count as f64).max(0.0);
+        let variance = squares / (flight.dof() * samples.len() as f64 / flight.count as f64);
+        if self.flights.push(variance).is_err() {
+            self.flights[self.oldest] = variance;
+            self.oldest = (self.oldest + 1) % FLIGHTS;
+        }
     }
 
-    /// Standard deviation to weigh with. Residuals that follow each other carry less information than their number says: the
-    /// variance of a mean grows by (1 + ρ) / (1 − ρ).
+    /// Standard deviation to weigh with: that of the median flight.
     pub fn sd(&self) -> f64 {
         if let Some(told) = self.told {
             return told;
         }
-        if self.dof < 12.0 {
-            return (CAUTION.0 * self.smoothness).max(CAUTION.1);
+        let mut sorted = self.flights.clone();
+        sorted.sort_unstable_by(f64::total_cmp);
+        match sorted.get(sorted.len() / 2) {
+            Some(variance) => sqrt(*variance).max(self.smoothness).max(1e-6),
+            None => (CAUTION.0 * self.smoothness).max(CAUTION.1),
         }
-        let correlation = (self.neighbours / self.squares.max(1e-300)).clamp(0.0, 0.9);
-        let inflation = sqrt((1.0 + correlation) / (1.0 - correlation));
-        (sqrt(self.squares / self.dof) * inflation).max(self.smoothness).max(1e-6)
     }
 }
