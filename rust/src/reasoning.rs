@@ -279,6 +279,7 @@ impl Reasoning {
         // Just after an impact a ball swings.
         self.noise.learn(flight, law, between(samples, since + SETTLED, until));
         let Some((information, vector)) = flight.gravity_information(law, samples) else { return };
+        let (information, vector) = (information / flight.excess(), vector / flight.excess());
         // A throw, a catch or a piece of one frame may pass for a flight; gravity does not change.
         if self.gravity.size.is_some() && self.gravity.disagreement(&information, &vector) > 30.0 {
             return;

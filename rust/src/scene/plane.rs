@@ -11,11 +11,11 @@ use crate::scene::outline::tangents;
 use nalgebra::{Matrix4, Matrix4x3, SMatrix, SVector, Vector4};
 
 /// Scatter of one ball's restitution from bounce to bounce.
-const RESTITUTION_SCATTER: f64 = 0.015;
+const RESTITUTION_SCATTER: f64 = 0.03;
 /// Roughness of a floor, and what a ball is not round, m.
-const ROUGHNESS: f64 = 2e-4;
+const ROUGHNESS: f64 = 7e-4;
 /// What bends a bounce out of its plane besides spin, rad.
-const DEFLECTION: f64 = 0.02;
+const DEFLECTION: f64 = 0.03;
 /// Most surfaces are horizontal; one that may be is taken to be, to within this, until its contacts know better, rad.
 const LEVEL_SD: f64 = 0.05;
 

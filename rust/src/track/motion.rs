@@ -13,15 +13,18 @@ use heapless::Vec;
 
 /// A contact is final when its after-side is this long, s.
 pub const AFTER_SIDE: f64 = 0.27;
-/// Its before-side, and a flight that predicts, reach back this far, s.
+/// Its before-side reaches back this far, s.
 const BEFORE_SIDE: f64 = 0.5;
+/// A flight that predicts reaches back this far, s: what the law leaves out (spin, a drag coefficient that is off, axes that lean)
+/// grows with the square of it.
+const HISTORY: f64 = 0.3;
 /// A contact hides in a gap no longer than this, s: 150 ms and the frames beside it.
 const LONGEST_BRIDGE: f64 = 0.2;
 /// A contact needs measurements on both sides, and over some time (s): before it more, unless another contact began that flight.
 const BEFORE_CONTACT: (usize, f64) = (3, 0.06);
 const AFTER_CONTACT: (usize, f64) = (2, 0.03);
 /// Two contacts of one ball are further apart than this, s: what comes sooner is its swing after the first.
-const CHAIN: f64 = 0.03;
+const CHAIN: f64 = 0.05;
 /// What has no explanation after this, s, gets none.
 const PATIENCE: f64 = 0.12;
 /// Impulses smaller than this are none, m/s.
@@ -198,7 +201,7 @@ impl Motion {
 
     fn refit(&mut self, window: &Window, around: &Surroundings) {
         let Some(last) = window.samples().last() else { return };
-        let recent = between(window.samples(), self.since.max(last.t - BEFORE_SIDE), f64::INFINITY);
+        let recent = between(window.samples(), self.since.max(last.t - HISTORY), f64::INFINITY);
         self.fit = match self.phase {
             Phase::Supported => supported(between(recent, last.t - AFTER_SIDE, f64::INFINITY)),
             _ => Flight::fit(around.law, recent, around.gravity),
@@ -225,7 +228,8 @@ impl Motion {
             self.fit = Some(fit);
             return;
         }
-        let still = Flight::fit(around.law, whole, around.gravity).filter(|f| count >= 3 && f.chi2 < limit(f.dof()));
+        let recent = between(whole, last.t - HISTORY, f64::INFINITY);
+        let still = Flight::fit(around.law, recent, around.gravity).filter(|f| count >= 3 && f.chi2 < limit(f.dof()));
         if still.is_some() {
             // One flight explains all: the alarm was a false one.
             self.phase = Phase::Flying;
@@ -235,7 +239,7 @@ impl Motion {
             if let Some(contact) = self.revised(window, around) {
                 return self.touch(contact, true, window, around, findings);
             }
-            if let Some(contact) = best_contact(window.samples(), self.since, at, self.chained(), around) {
+            if let Some(contact) = best_contact(window.samples(), self.since, at, self.pending.as_ref().map(|p| p.contact.time), around) {
                 self.settle(window, contact.time, around, findings);
                 self.land(window, contact.time, around, findings);
                 return self.touch(contact, false, window, around, findings);
@@ -262,12 +266,7 @@ impl Motion {
             let young = between(window.samples(), self.since, f64::INFINITY);
             young.len() <= 8 && young.last().is_some_and(|s| s.t - p.contact.time < AFTER_SIDE)
         })?;
-        best_contact(window.samples(), pending.since, self.since, true, around)
-    }
-
-    /// The present flight began with a contact.
-    fn chained(&self) -> bool {
-        self.pending.is_some()
+        best_contact(window.samples(), pending.since, self.since, Some(pending.since - CHAIN), around)
     }
 
     fn touch(&mut self, contact: Contact, again: bool, window: &Window, around: &Surroundings, findings: &mut Findings) {
@@ -290,12 +289,13 @@ impl Motion {
         let _ = findings.push(Finding::Settled(last.unwrap_or(contact)));
     }
 
-    /// The flight of the present phase is over.
+    /// The flight of the present phase is over: if it was one, it tells of gravity and of the noise.
     fn land(&mut self, window: &Window, until: f64, around: &Surroundings, findings: &mut Findings) {
         let samples = between(window.samples(), self.since, until);
-        let Some(last) = samples.last() else { return };
-        let flight = if samples.len() >= 5 { Flight::fit(around.law, samples, around.gravity) } else { None };
-        if let Some(flight) = flight.filter(|f| f.chi2 < limit(f.dof())) {
+        let (Some(last), Some(flight)) = (samples.last(), free_flight(samples, around)) else { return };
+        let size = around.gravity.mean.norm();
+        let spread = flight.gravity_sd() * sqrt(flight.excess());
+        if samples.len() >= 5 && (flight.gravity.norm() / size - 1.0).abs() < 0.3 && spread < 0.15 * size {
             let _ = findings.push(Finding::Flown(flight, self.since, last.t + 1e-9));
         }
     }
@@ -327,15 +327,17 @@ fn supported(samples: &[Sample]) -> Option<Flight> {
     Flight::fit(&FreeFall, samples, &CARRIED).filter(|f| f.gravity.norm() < 3.0 * FRICTION && f.chi2 < limit(f.dof()))
 }
 
+/// The flight with nothing known of gravity.
+fn free_flight(samples: &[Sample], around: &Surroundings) -> Option<Flight> {
+    let free = Gravity { information: Mat3::from_diagonal_element(1e-4), size: None, ..*around.gravity };
+    Flight::fit(around.law, samples, &free)
+}
+
 /// Which part of gravity the samples show, with its standard deviation: 1 falls, 0 is carried.
 fn fall(samples: &[Sample], around: &Surroundings) -> Option<(f64, f64)> {
-    let free = Gravity { information: Mat3::from_diagonal_element(1e-4), size: None, ..*around.gravity };
-    let flight = Flight::fit(around.law, samples, &free)?;
-    let down = around.gravity.mean.try_normalize(1e-9)?;
-    let size = around.gravity.mean.norm();
-    let covariance: Mat3 = flight.covariance.fixed_view::<3, 3>(6, 6).into();
-    let excess = (flight.chi2 / (flight.dof() - 3.0).max(1.0)).max(1.0);
-    Some((flight.gravity.dot(&down) / size, sqrt(down.dot(&(covariance * down)) * excess) / size))
+    let flight = free_flight(samples, around)?;
+    let gravity = around.gravity.mean;
+    Some((flight.gravity.dot(&gravity) / gravity.norm_squared(), flight.gravity_sd() * sqrt(flight.excess()) / gravity.norm()))
 }
 
 /// χ² that a true model with `dof` degrees of freedom does not exceed but once in ten thousand, with room for what real balls do
@@ -371,31 +373,32 @@ fn admissible(contact: &Contact) -> bool {
     impulse.norm() > SMALLEST_IMPULSE
         && impulse.dot(&contact.before) < 0.0
         && after < 1.05 * before + 0.2
-        && (-0.05..1.1).contains(&restitution)
+        && (0.0..1.05).contains(&restitution)
 }
 
 /// The best contact between the flight that began at `since` and the samples from about `at` on: the doubt may have come a frame
-/// late, and the frame in doubt may have been the last before.
-fn best_contact(samples: &[Sample], since: f64, at: f64, chained: bool, around: &Surroundings) -> Option<Contact> {
+/// late, or early and for nothing.
+fn best_contact(samples: &[Sample], since: f64, at: f64, previous: Option<f64>, around: &Surroundings) -> Option<Contact> {
     let samples = between(samples, since.max(at - BEFORE_SIDE), at + AFTER_SIDE);
     let split = samples.partition_point(|s| s.t < at);
     let solver = Solver { law: around.law, gravity: around.gravity, duration: around.duration };
     let proven = |before: &[Sample]| match before {
         [first, .., last] => {
             let enough = before.len() >= BEFORE_CONTACT.0 && last.t - first.t >= BEFORE_CONTACT.1;
-            (chained && last.t - first.t >= CHAIN) || (enough && fall(before, around).is_some_and(|(part, sd)| part > 0.5 && sd < 0.4))
+            previous.is_some() || (enough && fall(before, around).is_some_and(|(part, sd)| part > 0.5 && sd < 0.4))
         }
         _ => false,
     };
     let carried = |after: &[Sample]| fall(after, around).is_some_and(|(part, sd)| part < 0.5 && sd < 0.2);
     let score = |c: &Contact| c.chi2 - 3.0 * (c.counts[0] + c.counts[1]) as f64;
-    (split.saturating_sub(2)..=(split + 1).min(samples.len().saturating_sub(AFTER_CONTACT.0)))
+    (split.saturating_sub(2)..=samples.len().saturating_sub(AFTER_CONTACT.0))
         .filter(|&k| proven(&samples[..k]) && !carried(&samples[k..]) && samples[k].t - samples[k - 1].t < LONGEST_BRIDGE)
         .filter_map(|k| {
             let contact = solver.solve(samples, k, None)?;
             let contact = plausible(contact, samples)?;
             let inside = contact.time > samples[k - 1].t - around.duration - 2e-3 && contact.time < samples[k].t + 2e-3;
-            (inside && admissible(&contact)).then_some(contact)
+            let apart = previous.is_none_or(|time| contact.time > time + CHAIN);
+            (inside && apart && admissible(&contact)).then_some(contact)
         })
         .min_by(|a, b| score(a).total_cmp(&score(b)))
 }
