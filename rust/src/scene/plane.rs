@@ -17,7 +17,7 @@ const ROUGHNESS: f64 = 7e-4;
 /// What bends a bounce out of its plane besides spin, rad.
 const DEFLECTION: f64 = 0.03;
 /// Most surfaces are horizontal; one that may be is taken to be, to within this, until its contacts know better, rad.
-const LEVEL_SD: f64 = 0.05;
+const LEVEL_SD: f64 = 0.03;
 
 /// What a contact says of the surface it touched.
 #[derive(Clone, Debug, PartialEq)]
