@@ -75,15 +75,17 @@ impl Track {
         (self.last, self.sign) = (t, t);
         let weight = measured.covariance.and_then(|c| c.try_inverse());
         let known = weight.unwrap_or_else(|| Mat3::from_diagonal_element(1.0 / (noise.sd() * noise.sd())));
-        let Some(mut sample) = self.window.gather(t, measured.center, known) else { return };
         if weight.is_none() {
-            let sd = noise.sd();
-            self.window.reweigh(sd);
-            sample.weight = Mat3::from_diagonal_element(1.0 / (sd * sd));
+            self.window.reweigh(noise.sd());
         }
-        self.push_sample(sample, around, findings);
-        if weight.is_none() {
-            noise.observe(self.window.samples());
+        for mut sample in self.window.gather(t, measured.center, known) {
+            if weight.is_none() {
+                sample.weight = Mat3::from_diagonal_element(1.0 / (noise.sd() * noise.sd()));
+            }
+            self.push_sample(sample, around, findings);
+            if weight.is_none() {
+                noise.observe(self.window.samples());
+            }
         }
     }
 
