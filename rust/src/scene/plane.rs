@@ -119,14 +119,14 @@ impl Plane {
     /// The plane that all `patches` lie on; `None` without patches or where they do not tell.
     pub fn fit<'a>(patches: impl Iterator<Item = &'a Patch> + Clone, up: Option<&Up>) -> Option<Self> {
         let first = patches.clone().next()?;
-        let free = Self::converge(patches.clone(), first.normal, 1.0)?;
+        let free = Self::converge(&patches, first.normal, 1.0)?;
         let Some(up) = up else { return Some(free) };
         let sd = sqrt(LEVEL_SD * LEVEL_SD + up.variance);
-        if free.turn_to(&up.direction, sd * sd) < 9.0 { Self::converge(patches, up.direction, sd).or(Some(free)) } else { Some(free) }
+        if free.turn_to(&up.direction, sd * sd) < 9.0 { Self::converge(&patches, up.direction, sd).or(Some(free)) } else { Some(free) }
     }
 
     /// Gauss–Newton from, and with the prior of, `normal` to within `sd` (rad).
-    fn converge<'a>(patches: impl Iterator<Item = &'a Patch> + Clone, normal: Vec3, sd: f64) -> Option<Self> {
+    fn converge<'a>(patches: &(impl Iterator<Item = &'a Patch> + Clone), normal: Vec3, sd: f64) -> Option<Self> {
         let prior = normal;
         let mut plane = Self { normal, offset: 0.0, restitution: RESTITUTION.0, parameters: Matrix4::zeros(), chi2: 0.0 };
         for _ in 0..6 {

@@ -3,7 +3,8 @@
 use crate::physics::inconsistency::Inconsistency;
 use crate::physics::paper::{SIDE, contact, predict};
 use crate::physics::{Sample, between};
-use crate::track::motion::{Finding, Findings, Surroundings};
+use crate::track::hypothesis::Surroundings;
+use crate::track::motion::{Finding, Findings};
 use crate::track::window::Window;
 use nalgebra::SMatrix;
 

@@ -107,7 +107,7 @@ mod tests {
                     gathered += libm::round(s.weight[(0, 0)]) as u32;
                 }
             }
-            assert!((out as i32 - expected).abs() <= 14, "{rate}: {out}");
+            assert!((out - expected).abs() <= 14, "{rate}: {out}");
             for s in window.gather(7.0, Vec3::new(7.0, 0.0, 0.0), Mat3::identity()) {
                 gathered += libm::round(s.weight[(0, 0)]) as u32;
             }
