@@ -117,6 +117,7 @@ pub struct Up {
 
 impl Plane {
     /// The plane that all `patches` lie on; `None` without patches or where they do not tell.
+    #[allow(clippy::needless_pass_by_value)] // An iterator is small; callers read better without a borrow.
     pub fn fit<'a>(patches: impl Iterator<Item = &'a Patch> + Clone, up: Option<&Up>) -> Option<Self> {
         let first = patches.clone().next()?;
         let free = Self::converge(&patches, first.normal, 1.0)?;

@@ -97,7 +97,7 @@ mod tests {
     fn thirty_hertz_pass_at_once_and_three_hundred_come_in_threes() {
         for (rate, expected) in [(30.0, 30), (100.0, 100), (300.0, 100), (1000.0, 111)] {
             let mut window = Window::default();
-            let (mut out, mut gathered) = (0, 0);
+            let (mut out, mut gathered) = (0i32, 0);
             for i in 0..rate as u32 {
                 let t = f64::from(i) / rate;
                 for s in window.gather(t, Vec3::new(t, 0.0, 0.0), Mat3::identity()) {
