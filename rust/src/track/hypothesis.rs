@@ -12,7 +12,7 @@ pub const AFTER_SIDE: f64 = 0.27;
 /// Its before-side reaches back this far, s.
 pub const BEFORE_SIDE: f64 = 0.5;
 /// A contact hides in a gap no longer than this, s: 150 ms and the frames beside it.
-pub const LONGEST_BRIDGE: f64 = 0.2;
+pub const LONGEST_BRIDGE: f64 = 0.22;
 /// A contact needs so many measurements before it, over so much time (s), unless another contact began that flight.
 const BEFORE_CONTACT: (usize, f64) = (3, 0.06);
 /// The same behind it.
