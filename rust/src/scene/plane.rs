@@ -16,8 +16,10 @@ const RESTITUTION_SCATTER: f64 = 0.03;
 const ROUGHNESS: f64 = 7e-4;
 /// What bends a bounce out of its plane besides spin, rad.
 const DEFLECTION: f64 = 0.03;
-/// Most surfaces are horizontal; one that may be is taken to be, to within this, until its contacts know better, rad.
-const LEVEL_SD: f64 = 0.03;
+/// Most surfaces are level, to within this, rad.
+const LEVEL_SD: f64 = 0.01;
+/// What one that is not costs, as χ²: so much rarer it is.
+const TILTED: f64 = 20.0;
 
 /// What a contact says of the surface it touched.
 #[derive(Clone, Debug, PartialEq)]
@@ -102,8 +104,10 @@ pub struct Plane {
     pub restitution: f64,
     /// Of (turn along the first tangent, along the second, offset, restitution).
     parameters: Matrix4<f64>,
-    /// Weighted sum of squared residuals.
+    /// Weighted sum of squared residuals, and what the plane's kind costs.
     pub chi2: f64,
+    /// It is taken for level.
+    pub level: bool,
 }
 
 /// What is thought of "up": the direction, and its variance along one axis, rad².
@@ -116,20 +120,21 @@ pub struct Up {
 }
 
 impl Plane {
-    /// The plane that all `patches` lie on; `None` without patches or where they do not tell.
+    /// The plane that all `patches` lie on, level if that explains them about as well; `None` without patches or where they do not tell.
     #[allow(clippy::needless_pass_by_value)] // An iterator is small; callers read better without a borrow.
     pub fn fit<'a>(patches: impl Iterator<Item = &'a Patch> + Clone, up: Option<&Up>) -> Option<Self> {
         let first = patches.clone().next()?;
         let free = Self::converge(&patches, first.normal, 1.0)?;
         let Some(up) = up else { return Some(free) };
-        let sd = sqrt(LEVEL_SD * LEVEL_SD + up.variance);
-        if free.turn_to(&up.direction, sd * sd) < 9.0 { Self::converge(&patches, up.direction, sd).or(Some(free)) } else { Some(free) }
+        let level = Self::converge(&patches, up.direction, sqrt(LEVEL_SD * LEVEL_SD + up.variance));
+        let tilted = Self { chi2: free.chi2 + TILTED, ..free };
+        level.filter(|l| l.chi2 < tilted.chi2).map(|l| Self { level: true, ..l }).or(Some(tilted))
     }
 
     /// Gauss–Newton from, and with the prior of, `normal` to within `sd` (rad).
     fn converge<'a>(patches: &(impl Iterator<Item = &'a Patch> + Clone), normal: Vec3, sd: f64) -> Option<Self> {
         let prior = normal;
-        let mut plane = Self { normal, offset: 0.0, restitution: RESTITUTION.0, parameters: Matrix4::zeros(), chi2: 0.0 };
+        let mut plane = Self { normal, offset: 0.0, restitution: RESTITUTION.0, parameters: Matrix4::zeros(), chi2: 0.0, level: false };
         for _ in 0..6 {
             let (u, v) = tangents(&plane.normal);
             let mut fit = Accumulator::<4>::default();
@@ -208,7 +213,7 @@ impl Plane {
             offset: self.offset + moved[2],
             restitution: self.restitution + moved[3],
             parameters: crate::math::symmetric(&((Matrix4::identity() - gain * h) * self.parameters)),
-            chi2: self.chi2,
+            ..*self
         }
     }
 

@@ -14,8 +14,10 @@ const PATCHES: usize = 64;
 const SURFACES: usize = 32;
 /// χ² beyond which a contact is not on a plane (three observations).
 const GATE: f64 = 25.0;
-/// χ² up to which two homeless contacts share a plane (six observations, four unknowns with priors).
-const PAIR: f64 = 14.0;
+/// What one more surface costs, as χ²: twice the logarithm of how many heights, told apart to a millimetre, it might have had.
+const ONE_MORE: f64 = 15.0;
+/// χ² up to which two homeless contacts share a plane (six observations, four unknowns with priors; a plane that is not level).
+const PAIR: f64 = 34.0;
 /// Surfaces at an angle within this many standard deviations are parallel.
 const PARALLEL: f64 = 9.0;
 
@@ -87,11 +89,13 @@ impl Surfaces {
         let present = self.patches[index].1;
         let best = {
             let patch = &self.patches[index].0;
+            let own = Plane::fit(core::iter::once(patch), Some(up)).filter(|p| p.level);
+            let worst = own.map_or(GATE, |p| GATE.min(p.chi2 + ONE_MORE));
             let alone = present.is_some_and(|id| self.patches.iter().filter(|p| p.1 == Some(id)).count() == 1);
             // A plane that rests on this patch alone agrees with it: what counts is whether another does.
             let others = self.found.iter().filter(|f| f.merged_into.is_none() && !(alone && present == Some(f.id)));
             let scored = others.map(|f| (f.plane.disagreement(patch), f.id));
-            scored.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|(chi2, _)| *chi2 < GATE).map(|(_, id)| id)
+            scored.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|(chi2, _)| *chi2 < worst).map(|(_, id)| id)
         };
         match (best, present) {
             (Some(id), _) if present == Some(id) => {}
@@ -124,10 +128,9 @@ impl Surfaces {
             let plane = Plane::fit([patch, &p.0].into_iter(), Some(up))?;
             (plane.chi2 < PAIR).then_some((i, plane))
         });
-        let level = alone.turn_to(&up.direction, up.variance + 1e-4) < 9.0;
         let (partner, plane) = match partner {
             Some((i, plane)) => (Some(i), plane),
-            None if level => (None, alone),
+            None if alone.level => (None, alone),
             None => return,
         };
         if self.found.push(Found { id: self.next, plane, merged_into: None, told: false }).is_ok() {
@@ -163,7 +166,7 @@ impl Surfaces {
                 let (a_id, b_id) = (a.id, b.id);
                 let both = self.patches.iter().filter(|p| p.1 == Some(a_id) || p.1 == Some(b_id)).map(|p| &p.0);
                 let Some(plane) = Plane::fit(both, Some(up)) else { continue };
-                if plane.chi2 - a.plane.chi2 - b.plane.chi2 < 14.0 {
+                if plane.chi2 < a.plane.chi2 + b.plane.chi2 + ONE_MORE {
                     for patch in &mut self.patches {
                         if patch.1 == Some(b_id) {
                             patch.1 = Some(a_id);
