@@ -101,9 +101,14 @@ impl<'b> Engine<'b> {
         self.reasoning.finish(sink);
     }
 
-    /// Frames (or instants) taken in, and of these dropped.
+    /// Frames (or instants) taken in, of these dropped, and positions for which there was no track left.
     pub fn counters(&self) -> Counters {
-        Counters { frames: self.inputs, frames_dropped: self.timeline.dropped, ..Counters::default() }
+        Counters {
+            frames: self.inputs,
+            frames_dropped: self.timeline.dropped,
+            events_dropped: self.reasoning.homeless(),
+            ..Counters::default()
+        }
     }
 
     /// Where each tracked object is by the laws of physics.

@@ -17,8 +17,8 @@ pub struct Gravity {
 
 /// Gravity varies by this much on Earth and so may the size that was told, m/s².
 const SIZE_SD: f64 = 0.02;
-/// How far the direction may be from the guess before any flight was seen, m/s² an axis: 27° of tilt is 4.5.
-const UNKNOWN_SD: f64 = 6.0;
+/// How far the direction may be from the guess before any flight was seen, m/s² an axis: upside down is 2 · 9.81.
+const UNKNOWN_SD: f64 = 10.0;
 
 impl Gravity {
     /// The vector is known.
@@ -36,7 +36,8 @@ impl Gravity {
     pub fn constrain<const N: usize>(&self, fit: &mut Accumulator<N>, first: usize, direction: &Vec3, spread: f64) {
         fit.expect_block(first, &self.mean, &self.information);
         let (Some(size), norm) = (self.size, direction.norm()) else { return };
-        if norm > 0.0 {
+        // Along a direction that may as well be the opposite one, the size says nothing.
+        if norm > 0.0 && spread < 0.25 * size * size {
             let mut row = SVector::<f64, N>::zeros();
             row.fixed_rows_mut::<3>(first).copy_from(&(direction / norm));
             let curvature = spread / size;

@@ -5,7 +5,7 @@ mod telling;
 
 pub use predictor::Predictor;
 
-use crate::config::{CameraAssumption, Config};
+use crate::config::{CameraAssumption, Config, SceneAssumption};
 use crate::event::{self, Event, TrackReason};
 use crate::geometry::camera::{Camera, Pose};
 use crate::math::{Mat3, Vec3, rows, sqrt};
@@ -49,6 +49,7 @@ pub struct Reasoning {
     last_track: u32,
     last_contact: u32,
     last_orientation: u32,
+    homeless: u64,
 }
 
 impl Reasoning {
@@ -66,12 +67,13 @@ impl Reasoning {
             measured: (Gravity { mean: vector, information: Mat3::from_diagonal_element(1e-4), size: None }, 0),
             noise: Noise::new(config.tracking.position_sd),
             tracks: Vec::new(),
-            surfaces: Surfaces::new(&config.environment),
+            surfaces: Surfaces::new(&config.environment, config.assume.scene == SceneAssumption::Known),
             now: 0,
             announced: false,
             last_track: 0,
             last_contact: 0,
             last_orientation: 0,
+            homeless: 0,
         }
     }
 
@@ -91,21 +93,29 @@ impl Reasoning {
         let law = self.law(measured.first().map_or(0.0, |m| m.radius));
         let mut assigned = associate(&self.tracks, measured, &self.around(&law));
         for (i, m) in measured.iter().enumerate().take(assigned.len()).filter(|(_, m)| m.whole) {
-            let place = assigned[i].or_else(|| self.adopt(m, &assigned)).or_else(|| self.begin(m, sink));
-            assigned[i] = place;
-            if let Some(place) = place {
-                self.extend(place, m, frame, sink);
+            // One ball told twice is one: two can't be where one is.
+            if m.label.is_none() && measured[..i].iter().any(|o| o.whole && o.label.is_none() && (o.center - m.center).norm() < m.radius) {
+                continue;
+            }
+            assigned[i] = assigned[i].or_else(|| self.adopt(m, &assigned)).or_else(|| self.begin(m, sink));
+            match assigned[i] {
+                Some(id) => self.extend(id, m, frame, sink),
+                None => self.homeless += 1,
             }
         }
-        if self.camera.is_some() {
-            self.end_lost(timestamp_ns, measured, sink);
+        let ids: Vec<u32, TRACKS> = self.tracks.iter().map(|t| t.id).collect();
+        for id in ids {
+            self.with_track(id, sink, |track, _, around, findings| track.tick(track.seconds(timestamp_ns), around, findings));
+            if self.camera.is_some() {
+                self.look_after(id, timestamp_ns, measured, sink);
+            }
         }
     }
 
     /// Makes everything final.
     pub fn finish(&mut self, sink: &mut dyn FnMut(Event)) {
-        while !self.tracks.is_empty() {
-            self.end(0, TrackReason::StreamEnded, sink);
+        while let Some(id) = self.tracks.first().map(|t| t.id) {
+            self.end(id, TrackReason::StreamEnded, sink);
         }
         self.tell_surfaces(true, sink);
     }
@@ -116,6 +126,19 @@ impl Reasoning {
             let law = self.law(track.radius);
             Predictor { track: track.id, epoch_ns: track.epoch_ns, outlook: track.outlook(&self.around(&law)), law }
         })
+    }
+
+    /// Positions that found no track because all were taken.
+    pub fn homeless(&self) -> u64 {
+        self.homeless
+    }
+
+    fn track(&self, id: u32) -> Option<&Track> {
+        self.tracks.iter().find(|t| t.id == id)
+    }
+
+    fn track_mut(&mut self, id: u32) -> Option<&mut Track> {
+        self.tracks.iter_mut().find(|t| t.id == id)
     }
 
     fn law(&self, radius: f64) -> FreeFallWithDrag {
@@ -135,37 +158,31 @@ impl Reasoning {
     }
 
     /// Positions of another tracker belong to a silent track rather than to a new one: gaps don't end tracks there.
-    fn adopt(&self, m: &Measurement, assigned: &[Option<usize>]) -> Option<usize> {
+    fn adopt(&self, m: &Measurement, assigned: &[Option<u32>]) -> Option<u32> {
         if self.camera.is_some() || m.label.is_some() {
             return None;
         }
-        let silent = self.tracks.iter().enumerate().filter(|(i, t)| {
-            t.label.is_none() && !assigned.contains(&Some(*i)) && t.seconds(m.time_ns) - t.last > 0.0 && t.radius == m.radius
-        });
-        let rested = silent.filter(|(_, t)| t.seconds(m.time_ns) - t.last > LOST);
-        rested.max_by(|a, b| (a.1.seconds(m.time_ns) - a.1.last).total_cmp(&(b.1.seconds(m.time_ns) - b.1.last))).map(|(i, _)| i)
+        let silence = |t: &Track| t.seconds(m.time_ns) - t.last;
+        let silent = self.tracks.iter().filter(|t| t.label.is_none() && !assigned.contains(&Some(t.id)) && silence(t) > LOST);
+        silent.max_by(|a, b| silence(a).total_cmp(&silence(b))).map(|t| t.id)
     }
 
-    fn begin(&mut self, m: &Measurement, sink: &mut dyn FnMut(Event)) -> Option<usize> {
+    fn begin(&mut self, m: &Measurement, sink: &mut dyn FnMut(Event)) -> Option<u32> {
         if self.tracks.is_full() {
             // There is room for so many: the one that was silent for longest goes.
             let silence = |t: &Track| t.seconds(m.time_ns) - t.last;
-            let quietest = (0..self.tracks.len()).max_by(|&i, &j| silence(&self.tracks[i]).total_cmp(&silence(&self.tracks[j])))?;
-            if silence(&self.tracks[quietest]) < LOST {
-                return None;
-            }
+            let quietest = self.tracks.iter().max_by(|a, b| silence(a).total_cmp(&silence(b))).filter(|t| silence(t) > LOST)?.id;
             self.end(quietest, TrackReason::Lost, sink);
         }
         self.last_track += 1;
-        let laws = &self.config.laws;
-        let track = Track::new(self.last_track, m, laws.method, laws.false_alarm, laws.theta);
-        self.emit(Some(track.id), true, event::TrackStarted { reason: TrackReason::Appeared }, sink);
+        let (id, laws) = (self.last_track, &self.config.laws);
+        let track = Track::new(id, m, laws.method, laws.false_alarm, laws.theta);
+        self.emit(Some(id), true, event::TrackStarted { reason: TrackReason::Appeared }, sink);
         let _ = self.tracks.push(track);
-        Some(self.tracks.len() - 1)
+        Some(id)
     }
 
-    fn extend(&mut self, place: usize, m: &Measurement, frame: u64, sink: &mut dyn FnMut(Event)) {
-        let Some(id) = self.tracks.get(place).map(|t| t.id) else { return };
+    fn extend(&mut self, id: u32, m: &Measurement, frame: u64, sink: &mut dyn FnMut(Event)) {
         let variance = self.noise.sd() * self.noise.sd();
         let position = event::Position {
             frame,
@@ -176,42 +193,37 @@ impl Reasoning {
             residual_rms: m.residual_rms,
         };
         self.emit(Some(id), true, position, sink);
-        self.with_track(place, sink, |track, noise, around, findings| track.push(m, noise, around, findings));
+        self.with_track(id, sink, |track, noise, around, findings| track.push(m, noise, around, findings));
     }
 
     /// Runs `f` on a track in its surroundings, and tells what came to light.
-    fn with_track(
-        &mut self,
-        place: usize,
-        sink: &mut dyn FnMut(Event),
-        f: impl FnOnce(&mut Track, &mut Noise, &Surroundings, &mut Findings),
-    ) {
+    fn with_track(&mut self, id: u32, sink: &mut dyn FnMut(Event), f: impl FnOnce(&mut Track, &mut Noise, &Surroundings, &mut Findings)) {
         let mut findings = Findings::new();
-        let Some(radius) = self.tracks.get(place).map(|t| t.radius) else { return };
+        let Some(radius) = self.track(id).map(|t| t.radius) else { return };
         let law = self.law(radius);
         {
             let Self { tracks, noise, gravity, surfaces, config, .. } = self;
             let duration = config.object.contact_duration;
             let normal_at = |c: &Contact| surfaces.touched(&c.center, &c.center_covariance(), radius).map(|(_, normal)| normal);
             let around = Surroundings { law: &law, gravity, duration, normal_at: &normal_at };
-            if let Some(track) = tracks.get_mut(place) {
+            if let Some(track) = tracks.iter_mut().find(|t| t.id == id) {
                 f(track, noise, &around, &mut findings);
             }
         }
         for finding in findings {
             match finding {
-                Finding::Inconsistent(alarm) => self.tell_inconsistency(place, &alarm, sink),
-                Finding::Touched(contact, again) => self.tell_touch(place, &contact, again, sink),
-                Finding::Settled(contact) => self.tell_contact(place, &contact, sink),
-                Finding::Flown(flight, since, until) => self.learn(place, law, &flight, since, until, sink),
-                Finding::Parted(at) => self.part(place, at, sink),
+                Finding::Inconsistent(alarm) => self.tell_inconsistency(id, &alarm, sink),
+                Finding::Touched(contact, again) => self.tell_touch(id, &contact, again, sink),
+                Finding::Settled(contact) => self.tell_contact(id, &contact, sink),
+                Finding::Flown(flight, since, until) => self.learn(id, law, &flight, since, until, sink),
+                Finding::Parted(at) => self.part(id, at, sink),
             }
         }
     }
 
     /// What a track holds from `at` (s) on is another object: the camera lost the one and found the other.
-    fn part(&mut self, place: usize, at: f64, sink: &mut dyn FnMut(Event)) {
-        let Some(track) = self.tracks.get(place).filter(|_| self.camera.is_some()) else { return };
+    fn part(&mut self, id: u32, at: f64, sink: &mut dyn FnMut(Event)) {
+        let Some(track) = self.track(id).filter(|_| self.camera.is_some()) else { return };
         let samples: Vec<_, { crate::track::window::CAPACITY }> = between(track.samples(), at, f64::INFINITY).iter().copied().collect();
         let Some(first) = samples.first() else { return };
         let m = Measurement {
@@ -226,9 +238,9 @@ impl Reasoning {
             whole: true,
         };
         let (last, sign) = (track.last, track.sign);
-        self.end(place, TrackReason::Lost, sink);
+        self.end(id, TrackReason::Lost, sink);
         let Some(new) = self.begin(&m, sink) else { return };
-        if let Some(track) = self.tracks.get_mut(new) {
+        if let Some(track) = self.track_mut(new) {
             (track.last, track.sign) = (last, sign);
         }
         for sample in samples {
@@ -236,31 +248,25 @@ impl Reasoning {
         }
     }
 
-    /// Ends the tracks of which nothing was seen for too long. A blob that can't be measured is a sign of life where one should be.
-    fn end_lost(&mut self, timestamp_ns: i64, measured: &[Measurement], sink: &mut dyn FnMut(Event)) {
-        let mut place = 0;
-        while let Some(track) = self.tracks.get(place) {
-            let now = track.seconds(timestamp_ns);
-            let law = self.law(track.radius);
-            let prediction = track.predict(&self.around(&law), now);
-            let reach = 3.0 * track.radius + 3.0 * sqrt(prediction.covariance.trace()).min(0.1);
-            let sign = measured.iter().any(|m| !m.whole && (m.center - prediction.state.position).norm() < reach);
-            let unseen = now - track.last;
-            let in_view = self.sees(&prediction.state, track.radius);
-            let reason = match () {
-                () if unseen > HIDDEN => Some(if track.sign > track.last { TrackReason::Merged } else { TrackReason::Lost }),
-                () if unseen > LEFT && !in_view => Some(TrackReason::LeftView),
-                () if now - track.sign > LOST && !sign => Some(TrackReason::Lost),
-                () => None,
-            };
-            if let Some(reason) = reason {
-                self.end(place, reason, sink);
-                continue;
-            }
-            if let Some(track) = self.tracks.get_mut(place).filter(|_| sign) {
-                track.sign = now;
-            }
-            place += 1;
+    /// Ends a track of which nothing was seen for too long. A blob that can't be measured is a sign of life where it should be.
+    fn look_after(&mut self, id: u32, timestamp_ns: i64, measured: &[Measurement], sink: &mut dyn FnMut(Event)) {
+        let Some(track) = self.track(id) else { return };
+        let now = track.seconds(timestamp_ns);
+        let law = self.law(track.radius);
+        let prediction = track.predict(&self.around(&law), now);
+        let reach = 3.0 * track.radius + 3.0 * sqrt(prediction.covariance.trace()).min(0.1);
+        let sign = measured.iter().any(|m| !m.whole && (m.center - prediction.state.position).norm() < reach);
+        let unseen = now - track.last;
+        let reason = match () {
+            () if unseen > HIDDEN => Some(if track.sign > track.last { TrackReason::Merged } else { TrackReason::Lost }),
+            () if unseen > LEFT && !self.sees(&prediction.state, track.radius) => Some(TrackReason::LeftView),
+            () if now - track.sign > LOST && !sign => Some(TrackReason::Lost),
+            () => None,
+        };
+        if let Some(reason) = reason {
+            self.end(id, reason, sink);
+        } else if let Some(track) = self.track_mut(id).filter(|_| sign) {
+            track.sign = now;
         }
     }
 
@@ -273,13 +279,10 @@ impl Reasoning {
         column > rx && row > ry && column < camera.width as f64 - 1.0 - rx && row < camera.height as f64 - 1.0 - ry
     }
 
-    fn end(&mut self, place: usize, reason: TrackReason, sink: &mut dyn FnMut(Event)) {
-        let id = self.tracks.get(place).map(|t| t.id);
-        self.with_track(place, sink, |track, _, around, findings| track.finish(around, findings));
-        self.emit(id, true, event::TrackEnded { reason }, sink);
-        if place < self.tracks.len() {
-            self.tracks.remove(place);
-        }
+    fn end(&mut self, id: u32, reason: TrackReason, sink: &mut dyn FnMut(Event)) {
+        self.with_track(id, sink, |track, _, around, findings| track.finish(around, findings));
+        self.emit(Some(id), true, event::TrackEnded { reason }, sink);
+        self.tracks.retain(|t| t.id != id);
     }
 }
 

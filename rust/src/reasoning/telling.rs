@@ -15,7 +15,7 @@ use crate::scene::plane::Patch;
 const SETTLED: f64 = 0.1;
 
 impl Reasoning {
-    pub(super) fn tell_inconsistency(&mut self, place: usize, alarm: &Inconsistency, sink: &mut dyn FnMut(Event)) {
+    pub(super) fn tell_inconsistency(&mut self, id: u32, alarm: &Inconsistency, sink: &mut dyn FnMut(Event)) {
         let told = event::Inconsistency {
             predicted: alarm.predicted.into(),
             measured: alarm.measured.into(),
@@ -23,47 +23,41 @@ impl Reasoning {
             threshold: alarm.threshold,
             p_value: alarm.p_value,
         };
-        self.emit(self.tracks.get(place).map(|t| t.id), true, told, sink);
+        self.emit(Some(id), true, told, sink);
     }
 
-    pub(super) fn tell_touch(&mut self, place: usize, contact: &Contact, again: bool, sink: &mut dyn FnMut(Event)) {
+    pub(super) fn tell_touch(&mut self, id: u32, contact: &Contact, again: bool, sink: &mut dyn FnMut(Event)) {
         self.last_contact += u32::from(!again);
-        let Some(track) = self.tracks.get_mut(place) else { return };
+        let number = self.last_contact;
+        let Some(track) = self.track_mut(id) else { return };
         if !again {
-            track.contact = self.last_contact;
+            track.contact = number;
         }
-        let (id, radius) = (track.contact, track.radius);
+        let radius = track.radius;
         let surface = self.surfaces.touched(&contact.center, &contact.center_covariance(), radius);
-        self.emit_contact(place, id, contact, surface, false, sink);
+        self.emit_contact(id, contact, surface, false, sink);
     }
 
-    pub(super) fn tell_contact(&mut self, place: usize, contact: &Contact, sink: &mut dyn FnMut(Event)) {
-        let Some((id, radius)) = self.tracks.get(place).map(|t| (t.contact, t.radius)) else { return };
+    pub(super) fn tell_contact(&mut self, id: u32, contact: &Contact, sink: &mut dyn FnMut(Event)) {
+        let Some(radius) = self.track(id).map(|t| t.radius) else { return };
         let up = self.up();
         let surface = Patch::new(contact, radius, self.config.object.spin_sd).and_then(|patch| self.surfaces.add(patch, &up));
-        self.emit_contact(place, id, contact, surface, true, sink);
+        self.emit_contact(id, contact, surface, true, sink);
         self.tell_surfaces(false, sink);
     }
 
-    pub(super) fn emit_contact(
-        &mut self,
-        place: usize,
-        id: u32,
-        contact: &Contact,
-        surface: Option<(u32, Vec3)>,
-        last: bool,
-        sink: &mut dyn FnMut(Event),
-    ) {
-        let Some(track) = self.tracks.get(place) else { return };
+    fn emit_contact(&mut self, id: u32, contact: &Contact, surface: Option<(u32, Vec3)>, last: bool, sink: &mut dyn FnMut(Event)) {
+        let Some(track) = self.track(id) else { return };
         let own = match self.config.laws.method {
             Method::Best => contact.normal(RESTITUTION),
             Method::Paper => paper::normal(contact),
         };
-        // A surface's normal is known better than one contact's, where the ball did come from its front.
-        let normal = surface.map(|(_, n)| n).filter(|n| self.config.laws.method == Method::Best && n.dot(&contact.before) < 0.0).or(own);
+        // A surface's normal is known better than one contact's, where the two may be the same and the ball came from its front.
+        let agrees = |n: &Vec3| n.dot(&contact.before) < 0.0 && own.is_none_or(|own| own.dot(n) > 0.85);
+        let normal = surface.map(|(_, n)| n).filter(|n| self.config.laws.method == Method::Best && agrees(n)).or(own);
         let normal = normal.filter(|n| n.dot(&contact.before) <= 0.0);
         let told = event::Contact {
-            id,
+            id: track.contact,
             time_ns: track.stamp(contact.time),
             time_sd: Some(contact.time_sd).filter(|sd| sd.is_finite()),
             center: contact.center.into(),
@@ -76,20 +70,12 @@ impl Reasoning {
             restitution: normal.and_then(|n| contact.restitution(&n)),
             surface: surface.map(|(id, _)| id),
         };
-        self.emit(Some(track.id), last, told, sink);
+        self.emit(Some(id), last, told, sink);
     }
 
     /// A flight is over: what it says of gravity and of the noise.
-    pub(super) fn learn(
-        &mut self,
-        place: usize,
-        law: FreeFallWithDrag,
-        flight: &Flight,
-        since: f64,
-        until: f64,
-        sink: &mut dyn FnMut(Event),
-    ) {
-        let Some(track) = self.tracks.get(place) else { return };
+    pub(super) fn learn(&mut self, id: u32, law: FreeFallWithDrag, flight: &Flight, since: f64, until: f64, sink: &mut dyn FnMut(Event)) {
+        let Some(track) = self.tracks.iter().find(|t| t.id == id) else { return };
         let samples = between(track.samples(), since, until);
         // Just after an impact a ball swings.
         self.noise.learn(flight, &law, between(samples, since + SETTLED, until));

@@ -63,10 +63,10 @@ impl Patch {
         sqrt(h.dot(&(self.covariance * h)).max(0.0) + extra * extra)
     }
 
-    /// The three observations about the plane (`n`, its tangents `u` and `v`, restitution `e`), each as row, value and standard
+    /// The three observations about the plane (`n`, its tangents `u` and `v`, offset from `origin`, restitution `e`), each as row, value and standard
     /// deviation. Unknowns: turn of the normal along u, along v, offset, restitution.
-    fn observations(&self, n: &Vec3, u: &Vec3, v: &Vec3, e: f64) -> [(Vector4<f64>, f64, f64); 3] {
-        let zero = Vec3::zeros();
+    fn observations(&self, origin: &Vec3, n: &Vec3, u: &Vec3, v: &Vec3, e: f64) -> [(Vector4<f64>, f64, f64); 3] {
+        let (zero, center) = (Vec3::zeros(), self.center - origin);
         let within = self.after + self.before * e;
         let bend = self.before.cross(&self.after);
         let scatter = RESTITUTION_SCATTER * n.dot(&self.before).abs();
@@ -74,11 +74,7 @@ impl Patch {
         let deflection = DEFLECTION * self.before.norm() * self.after.norm();
         let swerve = sqrt(spin * spin + deflection * deflection);
         [
-            (
-                Vector4::new(u.dot(&self.center), v.dot(&self.center), -1.0, 0.0),
-                self.radius - n.dot(&self.center),
-                self.sd(n, &zero, &zero, ROUGHNESS),
-            ),
+            (Vector4::new(u.dot(&center), v.dot(&center), -1.0, 0.0), self.radius - n.dot(&center), self.sd(n, &zero, &zero, ROUGHNESS)),
             (
                 Vector4::new(u.dot(&within), v.dot(&within), 0.0, n.dot(&self.before)),
                 -n.dot(&self.after),
@@ -128,12 +124,14 @@ impl Plane {
         let Some(up) = up else { return Some(free) };
         let level = Self::converge(&patches, up.direction, sqrt(LEVEL_SD * LEVEL_SD + up.variance));
         let tilted = Self { chi2: free.chi2 + TILTED, ..free };
-        level.filter(|l| l.chi2 < tilted.chi2).map(|l| Self { level: true, ..l }).or(Some(tilted))
+        level.filter(|l| l.chi2 < tilted.chi2 && l.restitution > 0.0).map(|l| Self { level: true, ..l }).or(Some(tilted))
     }
 
     /// Gauss–Newton from, and with the prior of, `normal` to within `sd` (rad).
     fn converge<'a>(patches: &(impl Iterator<Item = &'a Patch> + Clone), normal: Vec3, sd: f64) -> Option<Self> {
         let prior = normal;
+        // Far from the origin, offset and turn would be one thing: both are about the first contact.
+        let origin = patches.clone().next()?.center;
         let mut plane = Self { normal, offset: 0.0, restitution: RESTITUTION.0, parameters: Matrix4::zeros(), chi2: 0.0, level: false };
         for _ in 0..6 {
             let (u, v) = tangents(&plane.normal);
@@ -143,13 +141,19 @@ impl Plane {
             fit.expect(2, 0.0, 1e3);
             fit.expect(3, RESTITUTION.0, RESTITUTION.1);
             for patch in patches.clone() {
-                for (row, value, sd) in patch.observations(&plane.normal, &u, &v, plane.restitution) {
+                for (row, value, sd) in patch.observations(&origin, &plane.normal, &u, &v, plane.restitution) {
                     fit.observe(&row, value, sd);
                 }
             }
             let Solution { mean, covariance, chi2, .. } = fit.solve()?;
             plane.normal = (plane.normal + u * mean[0] + v * mean[1]).try_normalize(1e-9)?;
-            (plane.offset, plane.restitution, plane.parameters, plane.chi2) = (mean[2], mean[3], covariance, chi2);
+            let turned = Matrix4::from_fn(|i, j| match (i, j) {
+                (2, 0) => u.dot(&origin),
+                (2, 1) => v.dot(&origin),
+                _ => f64::from(u8::from(i == j)),
+            });
+            plane.offset = mean[2] + plane.normal.dot(&origin);
+            (plane.restitution, plane.parameters, plane.chi2) = (mean[3], turned * covariance * turned.transpose(), chi2);
             if mean.fixed_rows::<2>(0).norm() < 1e-9 {
                 break;
             }
@@ -165,7 +169,7 @@ impl Plane {
             let r = row.dot(&now) - value;
             r * r / (sd * sd + row.dot(&(self.parameters * row)))
         };
-        patch.observations(&self.normal, &u, &v, self.restitution).into_iter().map(square).sum()
+        patch.observations(&Vec3::zeros(), &self.normal, &u, &v, self.restitution).into_iter().map(square).sum()
     }
 
     /// Squared Mahalanobis distance between the normal and `direction`, which has `variance` (rad²) itself.

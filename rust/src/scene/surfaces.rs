@@ -28,6 +28,8 @@ struct Found {
     plane: Plane,
     merged_into: Option<u32>,
     told: bool,
+    /// Contacts that are forgotten; the plane was fitted to them once.
+    forgotten: u32,
 }
 
 /// All surfaces of a stream.
@@ -38,14 +40,15 @@ pub struct Surfaces {
     patches: Vec<(Patch, Option<u32>), PATCHES>,
     found: Vec<Found, SURFACES>,
     next: u32,
+    closed: bool,
 }
 
 impl Surfaces {
-    /// Begins with what is known.
-    pub fn new(environment: &EnvironmentConfig) -> Self {
+    /// Begins with what is known; `closed`: there is nothing else.
+    pub fn new(environment: &EnvironmentConfig, closed: bool) -> Self {
         let environment = Environment::new(environment);
         let next = environment.surfaces().len() as u32;
-        Self { environment, known_contacts: [0; Environment::CAPACITY], patches: Vec::new(), found: Vec::new(), next }
+        Self { environment, known_contacts: [0; Environment::CAPACITY], patches: Vec::new(), found: Vec::new(), next, closed }
     }
 
     /// The surface, known or well found, that a ball of `radius` (m) at `center` (with covariance) touches, and its normal there.
@@ -67,9 +70,10 @@ impl Surfaces {
             self.known_contacts[id as usize] += 1;
             return Some((id, normal));
         }
-        if self.patches.is_full() {
-            self.patches.remove(0);
+        if self.closed {
+            return None;
         }
+        self.make_room();
         let _ = self.patches.push((patch, None));
         let newest = self.patches.len() - 1;
         self.place(newest, up);
@@ -82,6 +86,20 @@ impl Surfaces {
         self.merge(up);
         let id = self.patches[newest].1?;
         self.found.iter().find(|f| f.id == id).map(|f| (id, f.plane.normal))
+    }
+
+    /// Forgets the oldest contact of the surface that has most.
+    fn make_room(&mut self) {
+        if !self.patches.is_full() {
+            return;
+        }
+        let members = |id: Option<u32>| self.patches.iter().filter(|p| p.1 == id).count();
+        let most = self.patches.iter().map(|p| p.1).max_by_key(|id| members(*id)).flatten();
+        let oldest = self.patches.iter().position(|p| p.1 == most).unwrap_or(0);
+        if let Some(found) = self.found.iter_mut().find(|f| Some(f.id) == most) {
+            found.forgotten += 1;
+        }
+        self.patches.remove(oldest);
     }
 
     /// Puts patch `index` on the surface that it disagrees with least, or on one of its own.
@@ -133,7 +151,7 @@ impl Surfaces {
             None if alone.level => (None, alone),
             None => return,
         };
-        if self.found.push(Found { id: self.next, plane, merged_into: None, told: false }).is_ok() {
+        if self.found.push(Found { id: self.next, plane, merged_into: None, told: false, forgotten: 0 }).is_ok() {
             self.patches[index].1 = Some(self.next);
             if let Some(i) = partner {
                 self.patches[i].1 = Some(self.next);
@@ -173,6 +191,7 @@ impl Surfaces {
                         }
                     }
                     self.found[i].plane = plane;
+                    self.found[i].forgotten += self.found[j].forgotten;
                     self.close(b_id, a_id);
                 }
             }
@@ -205,7 +224,7 @@ impl Surfaces {
             tilt_sd: Some(sqrt(up.variance)),
             contacts: self.known_contacts[id as usize],
             outline: None,
-            above: None,
+            above: self.above_known(known),
             merged_into: None,
         }
     }
@@ -225,11 +244,18 @@ impl Surfaces {
             covariance: Some(plane.covariance_rows()),
             tilt: Some(acos(plane.normal.dot(&up.direction).clamp(-1.0, 1.0))),
             tilt_sd: Some(sqrt(variance + up.variance)),
-            contacts: members().count() as u32,
+            contacts: members().count() as u32 + found.forgotten,
             outline: Some(outline(members().map(|p| p.center - plane.normal * p.radius), &plane.normal, plane.offset)),
             above: self.above(found),
             merged_into: found.merged_into,
         }
+    }
+
+    /// The nearest known parallel surface below a known one.
+    fn above_known(&self, upper: &KnownSurface) -> Option<Above> {
+        let lower = self.environment.surfaces().iter().enumerate().filter(|(_, k)| k.normal.dot(&upper.normal) > 1.0 - 1e-6);
+        let heights = lower.map(|(id, k)| (id as u32, upper.offset - k.offset)).filter(|(_, height)| *height > 0.0);
+        heights.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(surface, height)| Above { surface, height, sd: None })
     }
 
     /// The nearest parallel surface below `found`.

@@ -14,9 +14,9 @@ pub const MEASUREMENTS: usize = 16;
 /// Squared Mahalanobis distance up to which a measurement is where the law puts the object.
 const GATE: f64 = 30.0;
 
-/// For each measurement, the place of its track in `tracks`.
-pub fn associate(tracks: &[Track], measured: &[Measurement], around: &Surroundings) -> Vec<Option<usize>, MEASUREMENTS> {
-    let mut assigned: Vec<Option<usize>, MEASUREMENTS> = measured.iter().take(MEASUREMENTS).map(|_| None).collect();
+/// For each measurement, the number of its track.
+pub fn associate(tracks: &[Track], measured: &[Measurement], around: &Surroundings) -> Vec<Option<u32>, MEASUREMENTS> {
+    let mut assigned: Vec<Option<u32>, MEASUREMENTS> = measured.iter().take(MEASUREMENTS).map(|_| None).collect();
     let mut pairs: Vec<(f64, usize, usize), { TRACKS * MEASUREMENTS }> = Vec::new();
     for (i, track) in tracks.iter().enumerate() {
         for (j, m) in measured.iter().enumerate().take(MEASUREMENTS).filter(|(_, m)| m.whole) {
@@ -35,7 +35,7 @@ pub fn associate(tracks: &[Track], measured: &[Measurement], around: &Surroundin
     for (_, i, j) in pairs {
         if !taken[i] && assigned[j].is_none() {
             taken[i] = true;
-            assigned[j] = Some(i);
+            assigned[j] = Some(tracks[i].id);
         }
     }
     assigned
@@ -48,7 +48,8 @@ fn cost(track: &Track, m: &Measurement, around: &Surroundings) -> Option<f64> {
     let prediction = track.predict(around, t);
     let own = m.covariance.unwrap_or_else(|| Mat3::from_diagonal_element(1e-4));
     let d2 = WhitenedTest::distance2(&prediction, &m.center, &own);
-    let same_kind = (m.radius - track.radius).abs() < 1e-9;
+    // Kinds that are nearly of one size are not told apart from frame to frame.
+    let same_kind = (m.radius / track.radius - 1.0).abs() < 0.2;
     if !same_kind {
         None
     } else if d2 < GATE {

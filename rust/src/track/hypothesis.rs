@@ -55,7 +55,9 @@ pub fn free_flight(samples: &[Sample], around: &Surroundings) -> Option<Flight> 
 /// Which part of gravity the samples show, with its standard deviation: 1 falls, 0 is carried.
 fn fall(samples: &[Sample], around: &Surroundings) -> Option<(f64, f64)> {
     let flight = free_flight(samples, around)?;
-    let gravity = around.gravity.mean;
+    let known = around.gravity;
+    let anywhere = known.size.is_some() && known.spread() > 0.01 * known.mean.norm_squared();
+    let gravity = if anywhere { flight.gravity.try_normalize(1e-9)? * known.mean.norm() } else { known.mean };
     Some((flight.gravity.dot(&gravity) / gravity.norm_squared(), flight.gravity_sd() * sqrt(flight.excess()) / gravity.norm()))
 }
 

@@ -120,8 +120,12 @@ impl Motion {
             Phase::Unknown => self.recover(window, around),
             Phase::Flying | Phase::Supported => {}
         }
-        let full = |p: &Pending| sample.t >= p.contact.time + AFTER_SIDE;
-        if self.pending.as_ref().is_some_and(full) {
+        self.tick(sample.t, window, around, findings);
+    }
+
+    /// Time passes: a contact whose after-side is full becomes final.
+    pub fn tick(&mut self, t: f64, window: &Window, around: &Surroundings, findings: &mut Findings) {
+        if self.pending.as_ref().is_some_and(|p| t >= p.contact.time + AFTER_SIDE) {
             self.settle(window, f64::INFINITY, around, findings);
         }
     }

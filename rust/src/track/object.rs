@@ -98,6 +98,13 @@ impl Track {
         }
     }
 
+    /// It is `t` (s), whether the object was seen or not.
+    pub fn tick(&mut self, t: f64, around: &Surroundings, findings: &mut Findings) {
+        if let Watch::Best(motion) = &mut self.watch {
+            motion.tick(t, &self.window, around, findings);
+        }
+    }
+
     /// Ends the track: everything becomes final.
     pub fn finish(&mut self, around: &Surroundings, findings: &mut Findings) {
         match &mut self.watch {
