@@ -139,7 +139,7 @@ impl Motion {
         let alarm = match (self.phase, self.predict(around, sample.t)) {
             (Phase::Flying | Phase::Supported, Some(prediction)) => {
                 let swing = Mat3::from_diagonal_element(self.swing(sample.t) * self.swing(sample.t));
-                self.test.test(&prediction, &sample.position, &(covariance(&sample) + swing))
+                self.test.test(&prediction, &sample.position, &(sample.covariance() + swing))
             }
             _ => None,
         };
@@ -192,7 +192,7 @@ impl Motion {
     fn survives(&self, sample: &Sample, around: &Surroundings) -> bool {
         self.phase == Phase::Flying
             && self.predict(around, sample.t).is_some_and(|p| {
-                sqrt(p.covariance.trace()) < 0.05 && WhitenedTest::distance2(&p, &sample.position, &covariance(sample)) < 20.0
+                sqrt(p.covariance.trace()) < 0.05 && WhitenedTest::distance2(&p, &sample.position, &sample.covariance()) < 20.0
             })
     }
 
@@ -209,7 +209,7 @@ impl Motion {
     fn explain(&mut self, window: &mut Window, at: f64, around: &Surroundings, findings: &mut Findings) {
         let after = between(window.samples(), at, f64::INFINITY);
         let (Some(first), Some(last), count) = (after.first().copied(), after.last().copied(), after.len()) else { return };
-        let back = |p: Prediction| WhitenedTest::distance2(&p, &last.position, &covariance(&last)) < 12.0;
+        let back = |p: Prediction| WhitenedTest::distance2(&p, &last.position, &last.covariance()) < 12.0;
         if count == 2 && self.predict(around, last.t).is_some_and(back) {
             window.remove(first.t);
             self.phase = Phase::Flying;
@@ -346,7 +346,7 @@ fn limit(dof: f64) -> f64 {
 
 /// The contact, if it explains its samples: as well as their noise lets it, or with an error that is small beside the impact; then
 /// its covariance is as much larger.
-fn plausible(mut contact: Contact, samples: &[Sample]) -> Option<Contact> {
+pub fn plausible(mut contact: Contact, samples: &[Sample]) -> Option<Contact> {
     let dof = 3.0 * (contact.counts[0] + contact.counts[1]) as f64 - 10.0;
     if contact.counts[0] < 2 || contact.counts[1] < AFTER_CONTACT.0 {
         return None;
@@ -398,9 +398,4 @@ fn best_contact(samples: &[Sample], since: f64, at: f64, chained: bool, around: 
             (inside && admissible(&contact)).then_some(contact)
         })
         .min_by(|a, b| score(a).total_cmp(&score(b)))
-}
-
-/// Of a sample's position, m².
-fn covariance(sample: &Sample) -> Mat3 {
-    sample.weight.try_inverse().unwrap_or_else(|| Mat3::from_diagonal_element(f64::INFINITY))
 }
