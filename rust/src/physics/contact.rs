@@ -155,7 +155,9 @@ impl Solver<'_> {
             freedom += free;
         }
         let variance = squares / freedom;
-        samples.iter_mut().for_each(|sample| sample.weight = Mat3::from_diagonal_element(1.0 / variance));
+        for sample in samples {
+            sample.weight = Mat3::from_diagonal_element(1.0 / variance);
+        }
         Some(crate::math::sqrt(variance))
     }
 

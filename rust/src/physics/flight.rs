@@ -70,7 +70,9 @@ impl Flight {
         let mut flight = None;
         for _ in 0..6 {
             let weight = Mat3::from_diagonal_element(1.0 / (sd * sd));
-            samples.iter_mut().for_each(|sample| sample.weight = weight);
+            for sample in samples.iter_mut() {
+                sample.weight = weight;
+            }
             let fit = Self::fit_fully(law, samples, gravity).filter(|_| freedom > 0.0)?;
             let squares: f64 = fit.residuals(law, samples).map(|r| r.norm_squared()).sum();
             let (previous, estimate) = (sd, sqrt(squares / freedom).max(1e-6));
