@@ -1,4 +1,4 @@
-//! Accuracy on simulated scenes, against their truth: `make measures`.
+//! Accuracy on simulated scenes, against their truth: `make measures`, or `cargo bench --bench accuracy -- [SEEDS] [SCENE]`.
 
 #[path = "../tests/judge/mod.rs"]
 mod judge;
@@ -6,30 +6,30 @@ mod judge;
 use judge::Score;
 use physinc::config::Method;
 
+const SCENES: [(&str, &str); 8] = [
+    ("touch 0 ms", "contact_duration=0"),
+    ("touch 4.5 ms", "contact_duration=0.0045"),
+    ("27° of unknown tilt", "tilt_deg=27"),
+    ("25 % of frames missing", "loss=0.25"),
+    ("σ × 1.5", "sigma=1.5"),
+    ("white noise", "white=1"),
+    ("5×5 window", "window=5"),
+    ("f + 1 %", "focal_factor=1.01"),
+];
+
 fn main() {
     let args: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with("--")).collect();
-    let (seeds, only) = (args.first().and_then(|a| a.parse().ok()).unwrap_or(10u64), args.get(1).cloned().unwrap_or_default());
-    for (name, extra) in [
-        ("touch 0 ms", "contact_duration=0"),
-        ("touch 4.5 ms", "contact_duration=0.0045"),
-        ("27° of unknown tilt", "tilt_deg=27"),
-        ("25 % of frames missing", "loss=0.25"),
-        ("σ × 1.5", "sigma=1.5"),
-        ("white noise", "white=1"),
-        ("5×5 window", "window=5"),
-        ("f + 1 %", "focal_factor=1.01"),
-    ] {
+    let seeds = args.first().and_then(|a| a.parse().ok()).unwrap_or(10u64);
+    println!("{}", Score::HEAD);
+    for (name, keys) in SCENES.into_iter().filter(|(name, _)| args.get(1).is_none_or(|only| name.contains(only.as_str()))) {
         for method in [Method::Best, Method::Paper] {
-            let label = format!("{name}{}", if method == Method::Paper { ", paper" } else { "" });
-            if !label.contains(&only) {
-                continue;
-            }
             let mut score = Score::default();
             for seed in 0..seeds {
+                // Distances from 1.5 to 2 m, one a seed.
                 let distance = 1.5 + 0.5 * (seed as f64 + 0.5) / seeds as f64;
-                score.add(&format!("bounce?seed={}&distance={distance}&{extra}", 100 + seed), method);
+                score.add(&format!("bounce?seed={}&distance={distance}&{keys}", 100 + seed), method);
             }
-            println!("{label}: {}", score.line());
+            println!("{}", score.row(name, method));
         }
     }
 }

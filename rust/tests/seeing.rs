@@ -85,7 +85,7 @@ fn what_is_no_image_of_the_camera_is_an_error() {
     assert_eq!(seeing.see(Image::U16(&image[1..]), &mut detections), Err(SeeError::Size { expected: 4800, found: 4799 }));
     assert_eq!(seeing.see(Image::F32(&[]), &mut detections), Err(SeeError::Size { expected: 4800, found: 0 }));
     assert_eq!(seeing.see(Image::U16(&image), &mut detections), Ok(()));
-    assert_eq!(seeing.see(Image::F32(&[0.0; 4800]), &mut detections), Err(SeeError::Kind));
+    assert_eq!(seeing.see(Image::F32(&vec![0.0; 4800]), &mut detections), Err(SeeError::Kind));
     assert!(Seeing::new(&camera, &ObjectConfig::default(), 0, Buffers::owned(79, 60)).is_err());
 }
 

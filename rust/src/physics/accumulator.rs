@@ -1,6 +1,6 @@
 //! The one mathematics under everything: linear-Gaussian observations, gathered as normal equations.
 //!
-//! Each observation says y = H x + noise. What is kept is the information matrix Σ HᵀWH, the vector Σ HᵀWy and the
+//! Each observation says y = H x + noise. What is kept is the information matrix `Σ HᵀWH`, the vector `Σ HᵀWy` and the
 //! scalars that the marginal likelihood needs, so hypotheses over the same measurements compare by [`Solution::log_evidence`].
 
 use crate::math::{Mat3, Vec3};

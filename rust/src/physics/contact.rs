@@ -19,7 +19,7 @@ const GRAVITY: usize = 10;
 /// How far friction turns an impulse away from the normal, rad (standard deviation).
 const FRICTION_ANGLE: f64 = 0.2;
 /// Restitution of a ball of which nothing is known: mean and standard deviation.
-pub const RESTITUTION: (f64, f64) = (0.7, 0.15);
+pub const RESTITUTION: (f64, f64) = (0.6, 0.25);
 
 /// A fitted contact.
 #[derive(Clone, Debug, PartialEq)]

@@ -157,6 +157,16 @@ impl Flight {
         Prediction { state: self.state.at(t, law, &self.gravity), covariance }
     }
 
+    /// Standard deviation of gravity along one axis, m/s².
+    pub fn gravity_sd(&self) -> f64 {
+        crate::math::sqrt(self.covariance.fixed_view::<3, 3>(6, 6).trace() / 3.0)
+    }
+
+    /// How much worse the samples are explained than their noise lets expect, as a factor on variances; 1 where they aren't.
+    pub fn excess(&self) -> f64 {
+        (self.chi2 / (self.dof() - 3.0).max(1.0)).max(1.0)
+    }
+
     /// Degrees of freedom that the fit left over.
     pub fn dof(&self) -> f64 {
         3.0 * self.count as f64 - 6.0

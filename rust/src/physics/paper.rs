@@ -60,7 +60,7 @@ impl Parabola {
 }
 
 /// Measurements on each side that its parabolas are fitted to ("a few").
-pub const SIDE: usize = 5;
+pub const SIDE: usize = 8;
 
 /// The paper's contact: parabolas of a few measurements before and after, their closest points, the tangents there.
 /// It knows no uncertainty: its covariance is infinite.
@@ -69,12 +69,12 @@ pub fn contact(before: &[Sample], after: &[Sample]) -> Option<Contact> {
     let after = &after[..after.len().min(SIDE)];
     let (p, q) = (Parabola::fit(before)?, Parabola::fit(after)?);
     let (last, first) = (before.last()?.t, after.first()?.t);
-    let (t, u) = closest_points(&p, &q, last, first);
+    let t = closest_approach(&p, &q, last, first);
     Some(Contact {
-        time: 0.5 * (t + u),
-        center: (p.position(t) + q.position(u)) * 0.5,
+        time: t,
+        center: (p.position(t) + q.position(t)) * 0.5,
         before: p.velocity(t),
-        after: q.velocity(u),
+        after: q.velocity(t),
         gravity: p.coefficients.column(2) + q.coefficients.column(2),
         covariance: SMatrix::from_diagonal_element(f64::INFINITY),
         time_sd: f64::INFINITY,
@@ -84,24 +84,20 @@ pub fn contact(before: &[Sample], after: &[Sample]) -> Option<Contact> {
     })
 }
 
-/// Times on either parabola, in and around `from..=to`, at which the curves (not the moving balls) are closest.
-fn closest_points(p: &Parabola, q: &Parabola, from: f64, to: f64) -> (f64, f64) {
-    const GRID: i32 = 40;
+/// When two parabolas are closest, in and around `from..=to`. (Closest as curves, without time, they are badly determined where
+/// the ball bounces back the way it came.)
+fn closest_approach(p: &Parabola, q: &Parabola, from: f64, to: f64) -> f64 {
+    const GRID: i32 = 60;
     let margin = 0.5 * (to - from);
-    let at = |i: i32| from - margin + (to - from + 2.0 * margin) * f64::from(i) / f64::from(GRID);
-    let distance = |t: f64, u: f64| (p.position(t) - q.position(u)).norm_squared();
-    let pairs = (0..=GRID).flat_map(|i| (0..=GRID).map(move |j| (at(i), at(j))));
-    let start = pairs.map(|(t, u)| (distance(t, u), t, u)).min_by(|a, b| a.0.total_cmp(&b.0));
-    let (mut t, mut u) = start.map_or((from, to), |(_, t, u)| (t, u));
-    for _ in 0..20 {
-        // Gauss–Newton on p(t) − q(u).
-        let (r, a, b) = (p.position(t) - q.position(u), p.velocity(t), -q.velocity(u));
-        let normal = nalgebra::Matrix2::new(a.dot(&a), a.dot(&b), a.dot(&b), b.dot(&b) + 1e-12);
-        let Some(step) = normal.try_inverse().map(|n| n * nalgebra::Vector2::new(-a.dot(&r), -b.dot(&r))) else { break };
-        let (low, high) = (from - margin, to + margin);
-        (t, u) = ((t + step.x).clamp(low, high), (u + step.y).clamp(low, high));
+    let (low, high) = (from - margin, to + margin);
+    let distance = |t: &f64| (p.position(*t) - q.position(*t)).norm_squared();
+    let grid = (0..=GRID).map(|i| low + (high - low) * f64::from(i) / f64::from(GRID));
+    let mut t = grid.min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(from);
+    for _ in 0..10 {
+        let (r, v) = (p.position(t) - q.position(t), p.velocity(t) - q.velocity(t));
+        t = (t - r.dot(&v) / v.norm_squared().max(1e-12)).clamp(low, high);
     }
-    (t, u)
+    t
 }
 
 /// The normal of the paper's little surface, which lies along the motion just before and after: halfway between the reversed

@@ -7,6 +7,7 @@ mod event;
 mod functions;
 mod iterable;
 mod law;
+mod planes;
 mod result;
 mod samples;
 mod simulation;
@@ -24,7 +25,9 @@ mod _physinc {
         TrackEnded, TrackStarted, event_from_toml,
     };
     #[pymodule_export]
-    use super::functions::{accelerations, find_inconsistencies, fit_flight, fit_planes, fit_sphere, solve_contact};
+    use super::functions::{accelerations, find_inconsistencies, fit_flight, fit_sphere, solve_contact};
+    #[pymodule_export]
+    use super::planes::fit_planes;
     #[pymodule_export]
     use super::result::{ContactFit, FlightFit, Inconsistencies, PlaneFit, SphereFit};
     #[pymodule_export]

@@ -9,17 +9,17 @@ use crate::math::{Mat3, Vec3, rows, sqrt};
 use crate::physics::accumulator::{Accumulator, Solution};
 use crate::physics::contact::{Contact, RESTITUTION};
 use crate::scene::outline::tangents;
-use crate::track::motion::AFTER_SIDE;
+use crate::track::hypothesis::AFTER_SIDE;
 use nalgebra::{Matrix4, Matrix4x3, SMatrix, SVector, Vector4};
 
 /// Scatter of one ball's restitution from bounce to bounce.
-const RESTITUTION_SCATTER: f64 = 0.015;
+const RESTITUTION_SCATTER: f64 = 0.03;
 /// Roughness of a floor, and what a ball is not round, m.
-const ROUGHNESS: f64 = 2e-4;
+const ROUGHNESS: f64 = 7e-4;
 /// What bends a bounce out of its plane besides spin, rad.
-const DEFLECTION: f64 = 0.02;
+const DEFLECTION: f64 = 0.03;
 /// Most surfaces are horizontal; one that may be is taken to be, to within this, until its contacts know better, rad.
-const LEVEL_SD: f64 = 0.05;
+const LEVEL_SD: f64 = 0.03;
 
 /// What a contact says of the surface it touched.
 #[derive(Clone, Debug, PartialEq)]
@@ -143,16 +143,17 @@ pub struct Up {
 
 impl Plane {
     /// The plane that all `patches` lie on; `None` without patches or where they do not tell.
+    #[allow(clippy::needless_pass_by_value)] // An iterator is small; callers read better without a borrow.
     pub fn fit<'a>(patches: impl Iterator<Item = &'a Patch> + Clone, up: Option<&Up>) -> Option<Self> {
         let first = patches.clone().next()?;
-        let free = Self::converge(patches.clone(), first.normal, 1.0)?;
+        let free = Self::converge(&patches, first.normal, 1.0)?;
         let Some(up) = up else { return Some(free) };
         let sd = sqrt(LEVEL_SD * LEVEL_SD + up.variance);
-        if free.turn_to(&up.direction, sd * sd) < 9.0 { Self::converge(patches, up.direction, sd).or(Some(free)) } else { Some(free) }
+        if free.turn_to(&up.direction, sd * sd) < 9.0 { Self::converge(&patches, up.direction, sd).or(Some(free)) } else { Some(free) }
     }
 
     /// Gauss–Newton from, and with the prior of, `normal` to within `sd` (rad).
-    fn converge<'a>(patches: impl Iterator<Item = &'a Patch> + Clone, normal: Vec3, sd: f64) -> Option<Self> {
+    fn converge<'a>(patches: &(impl Iterator<Item = &'a Patch> + Clone), normal: Vec3, sd: f64) -> Option<Self> {
         let prior = normal;
         let mut plane = Self { normal, offset: 0.0, restitution: RESTITUTION.0, parameters: Matrix4::zeros(), chi2: 0.0 };
         for _ in 0..6 {

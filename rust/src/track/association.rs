@@ -3,7 +3,7 @@
 use crate::math::Mat3;
 use crate::physics::inconsistency::WhitenedTest;
 use crate::track::Measurement;
-use crate::track::motion::Surroundings;
+use crate::track::hypothesis::Surroundings;
 use crate::track::object::Track;
 use heapless::Vec;
 

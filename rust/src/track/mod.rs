@@ -1,6 +1,7 @@
 //! From positions to tracks.
 
 pub mod association;
+pub mod hypothesis;
 pub mod motion;
 pub mod noise;
 pub mod object;

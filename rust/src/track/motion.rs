@@ -1,65 +1,24 @@
 //! Which law a track obeys at the moment, and what happened where it stopped obeying: a wild frame, a contact, support by a
 //! surface, or something that no law explains.
 
-use crate::math::{Mat3, Vec3, exp, sqrt};
-use crate::physics::contact::{Contact, RESTITUTION, Solver};
+use crate::math::{Mat3, exp, sqrt};
+use crate::physics::contact::{Contact, Solver};
 use crate::physics::flight::{Flight, Prediction};
-use crate::physics::gravity::Gravity;
 use crate::physics::inconsistency::{Inconsistency, WhitenedTest};
-use crate::physics::law::{FreeFall, Law};
+use crate::physics::law::FreeFall;
 use crate::physics::{Sample, between};
+use crate::track::hypothesis::{
+    AFTER_CONTACT, AFTER_SIDE, BEFORE_SIDE, CHAIN, LONGEST_BRIDGE, SWING, Surroundings, admissible, best_contact, free_flight, limit,
+    plausible, supported,
+};
 use crate::track::window::Window;
 use heapless::Vec;
 
-/// A contact is final when its after-side is this long, s.
-pub const AFTER_SIDE: f64 = 0.27;
-/// Its before-side, and a flight that predicts, reach back this far, s.
-const BEFORE_SIDE: f64 = 0.5;
-/// A contact hides in a gap no longer than this, s: 150 ms and the frames beside it.
-const LONGEST_BRIDGE: f64 = 0.2;
-/// A contact needs measurements on both sides, and over some time (s): before it more, unless another contact began that flight.
-const BEFORE_CONTACT: (usize, f64) = (3, 0.06);
-const AFTER_CONTACT: (usize, f64) = (2, 0.03);
-/// Two contacts of one ball are further apart than this, s: what comes sooner is its swing after the first.
-const CHAIN: f64 = 0.03;
+/// A flight that predicts reaches back this far, s: what the law leaves out (spin, a drag coefficient that is off, axes that lean)
+/// grows with the square of it.
+const HISTORY: f64 = 0.3;
 /// What has no explanation after this, s, gets none.
 const PATIENCE: f64 = 0.12;
-/// Impulses smaller than this are none, m/s.
-const SMALLEST_IMPULSE: f64 = 0.4;
-/// How much of a supported object's acceleration friction may cause, m/s² (standard deviation).
-const FRICTION: f64 = 1.5;
-/// What is known of the acceleration of an object that something carries.
-const CARRIED: Gravity = Gravity {
-    mean: Vec3::new(0.0, 0.0, 0.0),
-    information: Mat3::new(
-        1.0 / (FRICTION * FRICTION),
-        0.0,
-        0.0,
-        0.0,
-        1.0 / (FRICTION * FRICTION),
-        0.0,
-        0.0,
-        0.0,
-        1.0 / (FRICTION * FRICTION),
-    ),
-    size: None,
-};
-/// A real ball swings after an impact, m per m/s of impulse, and for so long, s. (A simulated one doesn't.)
-const SWING: (f64, f64) = (6e-4, 0.1);
-
-/// What surrounds a motion: the same for all tracks of a stream.
-#[derive(Clone, Copy)]
-pub struct Surroundings<'a> {
-    /// How a free ball moves.
-    pub law: &'a dyn Law,
-    /// What is known of gravity.
-    pub gravity: &'a Gravity,
-    /// How long a bounce touches, s.
-    pub duration: f64,
-    /// Normal of the known or found surface that this contact was with.
-    pub normal_at: &'a dyn Fn(&Contact) -> Option<Vec3>,
-}
-
 /// What a new sample brought to light.
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant)] // No heap to put the larger ones on.
@@ -198,7 +157,7 @@ impl Motion {
 
     fn refit(&mut self, window: &Window, around: &Surroundings) {
         let Some(last) = window.samples().last() else { return };
-        let recent = between(window.samples(), self.since.max(last.t - BEFORE_SIDE), f64::INFINITY);
+        let recent = between(window.samples(), self.since.max(last.t - HISTORY), f64::INFINITY);
         self.fit = match self.phase {
             Phase::Supported => supported(between(recent, last.t - AFTER_SIDE, f64::INFINITY)),
             _ => Flight::fit(around.law, recent, around.gravity),
@@ -225,7 +184,8 @@ impl Motion {
             self.fit = Some(fit);
             return;
         }
-        let still = Flight::fit(around.law, whole, around.gravity).filter(|f| count >= 3 && f.chi2 < limit(f.dof()));
+        let recent = between(whole, last.t - HISTORY, f64::INFINITY);
+        let still = Flight::fit(around.law, recent, around.gravity).filter(|f| count >= 3 && f.chi2 < limit(f.dof()));
         if still.is_some() {
             // One flight explains all: the alarm was a false one.
             self.phase = Phase::Flying;
@@ -235,7 +195,7 @@ impl Motion {
             if let Some(contact) = self.revised(window, around) {
                 return self.touch(contact, true, window, around, findings);
             }
-            if let Some(contact) = best_contact(window.samples(), self.since, at, self.chained(), around) {
+            if let Some(contact) = best_contact(window.samples(), self.since, at, self.pending.as_ref().map(|p| p.contact.time), around) {
                 self.settle(window, contact.time, around, findings);
                 self.land(window, contact.time, around, findings);
                 return self.touch(contact, false, window, around, findings);
@@ -262,12 +222,7 @@ impl Motion {
             let young = between(window.samples(), self.since, f64::INFINITY);
             young.len() <= 8 && young.last().is_some_and(|s| s.t - p.contact.time < AFTER_SIDE)
         })?;
-        best_contact(window.samples(), pending.since, self.since, true, around)
-    }
-
-    /// The present flight began with a contact.
-    fn chained(&self) -> bool {
-        self.pending.is_some()
+        best_contact(window.samples(), pending.since, self.since, Some(pending.since - CHAIN), around)
     }
 
     fn touch(&mut self, contact: Contact, again: bool, window: &Window, around: &Surroundings, findings: &mut Findings) {
@@ -290,12 +245,13 @@ impl Motion {
         let _ = findings.push(Finding::Settled(last.unwrap_or(contact)));
     }
 
-    /// The flight of the present phase is over.
+    /// The flight of the present phase is over: if it was one, it tells of gravity and of the noise.
     fn land(&mut self, window: &Window, until: f64, around: &Surroundings, findings: &mut Findings) {
         let samples = between(window.samples(), self.since, until);
-        let Some(last) = samples.last() else { return };
-        let flight = if samples.len() >= 5 { Flight::fit(around.law, samples, around.gravity) } else { None };
-        if let Some(flight) = flight.filter(|f| f.chi2 < limit(f.dof())) {
+        let (Some(last), Some(flight)) = (samples.last(), free_flight(samples, around)) else { return };
+        let size = around.gravity.mean.norm();
+        let spread = flight.gravity_sd() * sqrt(flight.excess());
+        if samples.len() >= 5 && (flight.gravity.norm() / size - 1.0).abs() < 0.3 && spread < 0.15 * size {
             let _ = findings.push(Finding::Flown(flight, self.since, last.t + 1e-9));
         }
     }
@@ -319,83 +275,4 @@ impl Motion {
             self.fit = Some(carried);
         }
     }
-}
-
-/// A motion that a surface carries: no acceleration but friction's. Small hops are within what is allowed.
-fn supported(samples: &[Sample]) -> Option<Flight> {
-    // Many samples outvote a prior; that something falls must not be among what they say.
-    Flight::fit(&FreeFall, samples, &CARRIED).filter(|f| f.gravity.norm() < 3.0 * FRICTION && f.chi2 < limit(f.dof()))
-}
-
-/// Which part of gravity the samples show, with its standard deviation: 1 falls, 0 is carried.
-fn fall(samples: &[Sample], around: &Surroundings) -> Option<(f64, f64)> {
-    let free = Gravity { information: Mat3::from_diagonal_element(1e-4), size: None, ..*around.gravity };
-    let flight = Flight::fit(around.law, samples, &free)?;
-    let down = around.gravity.mean.try_normalize(1e-9)?;
-    let size = around.gravity.mean.norm();
-    let covariance: Mat3 = flight.covariance.fixed_view::<3, 3>(6, 6).into();
-    let excess = (flight.chi2 / (flight.dof() - 3.0).max(1.0)).max(1.0);
-    Some((flight.gravity.dot(&down) / size, sqrt(down.dot(&(covariance * down)) * excess) / size))
-}
-
-/// χ² that a true model with `dof` degrees of freedom does not exceed but once in ten thousand, with room for what real balls do
-/// beyond the model (they swing, they are not round, their markers sit beside the center).
-fn limit(dof: f64) -> f64 {
-    1.5 * (dof + 3.7 * sqrt(2.0 * dof.max(1.0)) + 7.0)
-}
-
-/// The contact, if it explains its samples: as well as their noise lets it, or with an error that is small beside the impact; then
-/// its covariance is as much larger.
-pub fn plausible(mut contact: Contact, samples: &[Sample]) -> Option<Contact> {
-    let dof = 3.0 * (contact.counts[0] + contact.counts[1]) as f64 - 10.0;
-    if contact.counts[0] < 2 || contact.counts[1] < AFTER_CONTACT.0 {
-        return None;
-    }
-    if contact.chi2 < limit(dof) {
-        return Some(contact);
-    }
-    let excess = contact.chi2 / dof.max(1.0);
-    let precision = samples.iter().map(|s| s.weight.trace() / 3.0).sum::<f64>() / samples.len() as f64;
-    let swing = SWING.0 * (contact.after - contact.before).norm();
-    contact.covariance *= excess;
-    contact.time_sd *= sqrt(excess);
-    (excess / precision < swing * swing).then_some(contact)
-}
-
-/// A passive ball on a passive surface: pushed against its motion, and not faster afterwards.
-fn admissible(contact: &Contact) -> bool {
-    let impulse = contact.after - contact.before;
-    let (before, after) = (contact.before.norm(), contact.after.norm());
-    let Some(normal) = contact.normal(RESTITUTION) else { return false };
-    let restitution = contact.restitution(&normal).unwrap_or(-1.0);
-    impulse.norm() > SMALLEST_IMPULSE
-        && impulse.dot(&contact.before) < 0.0
-        && after < 1.05 * before + 0.2
-        && (-0.05..1.1).contains(&restitution)
-}
-
-/// The best contact between the flight that began at `since` and the samples from about `at` on: the doubt may have come a frame
-/// late, and the frame in doubt may have been the last before.
-fn best_contact(samples: &[Sample], since: f64, at: f64, chained: bool, around: &Surroundings) -> Option<Contact> {
-    let samples = between(samples, since.max(at - BEFORE_SIDE), at + AFTER_SIDE);
-    let split = samples.partition_point(|s| s.t < at);
-    let solver = Solver { law: around.law, gravity: around.gravity, duration: around.duration };
-    let proven = |before: &[Sample]| match before {
-        [first, .., last] => {
-            let enough = before.len() >= BEFORE_CONTACT.0 && last.t - first.t >= BEFORE_CONTACT.1;
-            (chained && last.t - first.t >= CHAIN) || (enough && fall(before, around).is_some_and(|(part, sd)| part > 0.5 && sd < 0.4))
-        }
-        _ => false,
-    };
-    let carried = |after: &[Sample]| fall(after, around).is_some_and(|(part, sd)| part < 0.5 && sd < 0.2);
-    let score = |c: &Contact| c.chi2 - 3.0 * (c.counts[0] + c.counts[1]) as f64;
-    (split.saturating_sub(2)..=(split + 1).min(samples.len().saturating_sub(AFTER_CONTACT.0)))
-        .filter(|&k| proven(&samples[..k]) && !carried(&samples[k..]) && samples[k].t - samples[k - 1].t < LONGEST_BRIDGE)
-        .filter_map(|k| {
-            let contact = solver.solve(samples, k, None)?;
-            let contact = plausible(contact, samples)?;
-            let inside = contact.time > samples[k - 1].t - around.duration - 2e-3 && contact.time < samples[k].t + 2e-3;
-            (inside && admissible(&contact)).then_some(contact)
-        })
-        .min_by(|a, b| score(a).total_cmp(&score(b)))
 }

@@ -7,7 +7,8 @@ use crate::physics::flight::{Flight, Prediction, VELOCITY_SD};
 use crate::physics::law::{FreeFall, Law, State};
 use crate::time::{after, seconds_between};
 use crate::track::Measurement;
-use crate::track::motion::{Findings, Motion, Surroundings};
+use crate::track::hypothesis::Surroundings;
+use crate::track::motion::{Findings, Motion};
 use crate::track::noise::Noise;
 use crate::track::paper::PaperMotion;
 use crate::track::window::Window;
@@ -73,17 +74,19 @@ impl Track {
     pub fn push(&mut self, measured: &Measurement, noise: &mut Noise, around: &Surroundings, findings: &mut Findings) {
         let t = self.seconds(measured.time_ns);
         (self.last, self.sign) = (t, t);
-        let weight = measured.covariance.and_then(|c| c.try_inverse());
+        let weight = measured.covariance.and_then(Mat3::try_inverse);
         let known = weight.unwrap_or_else(|| Mat3::from_diagonal_element(1.0 / (noise.sd() * noise.sd())));
-        let Some(mut sample) = self.window.gather(t, measured.center, known) else { return };
         if weight.is_none() {
-            let sd = noise.sd();
-            self.window.reweigh(sd);
-            sample.weight = Mat3::from_diagonal_element(1.0 / (sd * sd));
+            self.window.reweigh(noise.sd());
         }
-        self.push_sample(sample, around, findings);
-        if weight.is_none() {
-            noise.observe(self.window.samples());
+        for mut sample in self.window.gather(t, measured.center, known) {
+            if weight.is_none() {
+                sample.weight = Mat3::from_diagonal_element(1.0 / (noise.sd() * noise.sd()));
+            }
+            self.push_sample(sample, around, findings);
+            if weight.is_none() {
+                noise.observe(self.window.samples());
+            }
         }
     }
 

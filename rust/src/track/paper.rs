@@ -1,11 +1,12 @@
 //! Tracks by the paper's own method: one-step predictions by Eq. 5 against θ, contacts from two parabolas.
 
-use crate::math::Mat3;
 use crate::physics::inconsistency::Inconsistency;
 use crate::physics::paper::{SIDE, contact, predict};
 use crate::physics::{Sample, between};
-use crate::track::motion::{Finding, Findings, Surroundings};
+use crate::track::hypothesis::Surroundings;
+use crate::track::motion::{Finding, Findings};
 use crate::track::window::Window;
+use nalgebra::SMatrix;
 
 /// A track's motion as the paper sees it.
 #[derive(Clone, Debug)]
@@ -63,12 +64,15 @@ impl PaperMotion {
         self.at = None;
         let before = between(window.samples(), self.since, at);
         let after = between(window.samples(), at, f64::INFINITY);
-        let Some(mut contact) = contact(before, after) else { return };
+        let (Some(mut contact), Some(span)) = (contact(before, after), before.first().zip(before.last()).map(|(a, b)| b.t - a.t)) else {
+            return;
+        };
         let impulse = contact.after - contact.before;
         if impulse.norm() > 0.4 && impulse.dot(&contact.before) < 0.0 {
-            // θ is all that the paper says of its uncertainty.
-            let theta = Mat3::from_diagonal_element(self.theta * self.theta);
-            contact.covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&theta);
+            // θ is all that the paper says of its uncertainty: over one side's time it makes the velocity's.
+            let speed = self.theta * SIDE as f64 / span;
+            let sd = |i: usize| if i < 3 { self.theta } else { speed };
+            contact.covariance = SMatrix::from_fn(|i, j| if i == j { sd(i) * sd(i) } else { 0.0 });
             self.since = at;
             let _ = findings.push(Finding::Touched(contact.clone(), false));
             let _ = findings.push(Finding::Settled(contact));

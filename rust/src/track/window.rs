@@ -14,8 +14,6 @@ const STEP: f64 = 1.0 / 120.0;
 pub struct Window {
     samples: Vec<Sample, CAPACITY>,
     bin: Option<Bin>,
-    /// Of the incoming samples, s.
-    interval: f64,
 }
 
 /// Samples that become one.
@@ -29,34 +27,43 @@ struct Bin {
     count: f64,
 }
 
+impl Bin {
+    fn mean(&self) -> Sample {
+        Sample {
+            t: self.times / self.count,
+            position: self.positions / self.count,
+            weight: self.weights,
+            half_span: 0.5 * (self.last - self.first),
+        }
+    }
+}
+
 impl Window {
     /// The samples.
     pub fn samples(&self) -> &[Sample] {
         &self.samples
     }
 
-    /// Takes a measurement in; returns a sample when one is complete: at once below 120 Hz, else the mean of a few.
-    pub fn gather(&mut self, t: f64, position: Vec3, weight: Mat3) -> Option<Sample> {
+    /// Takes a measurement in; returns the samples that are complete: below 120 Hz each measurement at once, else means of a few.
+    pub fn gather(&mut self, t: f64, position: Vec3, weight: Mat3) -> Vec<Sample, 2> {
         let previous = self.bin.map(|b| b.last).or_else(|| self.samples.last().map(|s| s.t + s.half_span));
-        self.interval = previous.map_or(STEP, |p| (t - p).min(2.0 * self.interval.max(1e-5)));
+        let interval = previous.map_or(STEP, |p| t - p);
+        let mut complete = Vec::new();
+        if let Some(bin) = self.bin.take_if(|b| t - b.first >= STEP) {
+            let _ = complete.push(bin.mean());
+        }
+        let bin =
+            self.bin.get_or_insert(Bin { first: t, last: t, times: 0.0, positions: Vec3::zeros(), weights: Mat3::zeros(), count: 0.0 });
         // Positions are means, their weights add up, as far as neighbouring samples err independently.
-        let fresh = Bin { first: t, last: t, times: 0.0, positions: Vec3::zeros(), weights: Mat3::zeros(), count: 0.0 };
-        let mut bin = self.bin.take().filter(|b| t - b.first < STEP).unwrap_or(fresh);
         bin.last = t;
         bin.times += t;
         bin.positions += position;
         bin.weights += weight;
         bin.count += 1.0;
-        if t + self.interval - bin.first < STEP {
-            self.bin = Some(bin);
-            return None;
+        if let Some(bin) = self.bin.take_if(|b| t + interval - b.first >= STEP) {
+            let _ = complete.push(bin.mean());
         }
-        Some(Sample {
-            t: bin.times / bin.count,
-            position: bin.positions / bin.count,
-            weight: bin.weights,
-            half_span: 0.5 * (bin.last - bin.first),
-        })
+        complete
     }
 
     /// Appends a sample; a full window forgets its oldest eighth.
@@ -90,16 +97,21 @@ mod tests {
     fn thirty_hertz_pass_at_once_and_three_hundred_come_in_threes() {
         for (rate, expected) in [(30.0, 30), (100.0, 100), (300.0, 100), (1000.0, 111)] {
             let mut window = Window::default();
-            let mut out = 0;
+            let (mut out, mut gathered) = (0i32, 0);
             for i in 0..rate as u32 {
                 let t = f64::from(i) / rate;
-                if let Some(s) = window.gather(t, Vec3::new(t, 0.0, 0.0), Mat3::identity()) {
+                for s in window.gather(t, Vec3::new(t, 0.0, 0.0), Mat3::identity()) {
                     assert!((s.position.x - s.t).abs() < 1e-12);
                     window.push(s);
                     out += 1;
+                    gathered += libm::round(s.weight[(0, 0)]) as u32;
                 }
             }
-            assert!((out as i32 - expected).abs() <= 14, "{rate}: {out}");
+            assert!((out - expected).abs() <= 14, "{rate}: {out}");
+            for s in window.gather(7.0, Vec3::new(7.0, 0.0, 0.0), Mat3::identity()) {
+                gathered += libm::round(s.weight[(0, 0)]) as u32;
+            }
+            assert_eq!(gathered, rate as u32 + 1, "none is lost, not even before a gap");
             assert!(window.samples().len() <= CAPACITY && window.samples().is_sorted_by(|a, b| a.t < b.t));
         }
     }

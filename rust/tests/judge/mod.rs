@@ -1,53 +1,63 @@
 //! Holds the engine's events against a simulated scene's truth.
+#![allow(dead_code)] // Each test and bench uses what it needs.
 
-use physinc::config::{CameraAssumption, Config, Method};
+use physinc::config::{Config, Method};
 use physinc::engine::Engine;
-use physinc::event::{Contact, Event, Kind, Surface};
+use physinc::event::{CameraOrientation, Contact, Event, Inconsistency, Kind, Surface, TrackStarted};
 use physinc::geometry::camera::Pose;
 use physinc::math::{Mat3, Vec3};
 use physinc::seeing::Image;
 use physinc::sim::Scene;
-use physinc::sim::truth::{ContactTruth, Truth};
+use physinc::sim::truth::{ContactTruth, SurfaceTruth, Truth};
 
 /// A contact found is one that happened when their times differ by no more than this, ns.
-const MATCH_NS: i64 = 50_000_000;
+pub const MATCH_NS: i64 = 50_000_000;
+/// Height of the box, m.
+const BOX: f64 = 0.09;
+
+/// The events of one kind, final ones alone.
+macro_rules! finals {
+    ($events:expr, $kind:ident) => {
+        $events
+            .iter()
+            .filter(|e| e.is_final)
+            .filter_map(|e| if let Kind::$kind(x) = &e.kind { Some((e, x)) } else { None })
+            .collect::<Vec<(&Event, &$kind)>>()
+    };
+}
+pub(crate) use finals;
 
 /// Sums over scenes.
 #[derive(Default)]
 pub struct Score {
     pub countable: usize,
-    pub found: usize,
     pub matched: usize,
     pub wrong: usize,
     pub minutes: f64,
     pub center: Vec<f64>,
-    pub center_axis: [f64; 3],
     pub time: Vec<f64>,
     pub nees: Vec<f64>,
-    pub normal: Vec<f64>,
     pub height: Vec<f64>,
-    pub height_z: Vec<f64>,
     pub plane: Vec<f64>,
     pub gravity: Vec<f64>,
     pub surfaces: Vec<usize>,
     pub tracks: usize,
-    pub inconsistencies: usize,
+    pub alarms: usize,
 }
 
 /// Root mean square.
 pub fn rms(values: &[f64]) -> f64 {
-    (values.iter().map(|x| x * x).sum::<f64>() / values.len().max(1) as f64).sqrt()
+    (values.iter().map(|x| x * x).sum::<f64>() / values.len() as f64).sqrt()
 }
 
 /// The mean.
 pub fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len().max(1) as f64
+    values.iter().sum::<f64>() / values.len() as f64
 }
 
 /// Runs `scene` through the engine; all events, and the world's pose.
 pub fn run(scene: &Scene, config: &Config) -> (Vec<Event>, Pose) {
-    let camera = scene.camera();
-    let mut engine = Engine::new(config, Some(&camera)).expect("a valid configuration");
+    let mut engine = Engine::new(config, Some(&scene.camera())).expect("a valid configuration");
     let mut events = Vec::new();
     let mut frames = scene.frames();
     while let Some(frame) = frames.next_frame() {
@@ -57,7 +67,7 @@ pub fn run(scene: &Scene, config: &Config) -> (Vec<Event>, Pose) {
     (events, engine.world_from_camera())
 }
 
-/// Configuration for a scene of the simulator; the duration of the touch is told, as a user would.
+/// What a user would tell of a scene: how long its ball touches and spins, and that its first frames may show it.
 pub fn config(scene: &Scene, method: Method) -> Config {
     let mut config = Config::default();
     let p = &scene.truth().parameters;
@@ -68,154 +78,140 @@ pub fn config(scene: &Scene, method: Method) -> Config {
     config
 }
 
-/// Whether each contact has 4 frames with 60 % of the disc in view on either side, before the contact before and the contact after.
+/// Whether each contact has 4 frames with 60 % of the disc in view on either side, after the contact before and before the one after.
 pub fn countable(truth: &Truth) -> Vec<bool> {
     let seen = |c: &ContactTruth, from: i64, to: i64| {
         let balls = truth.frames.iter().flat_map(|f| &f.balls);
         balls.filter(|b| b.ball == c.ball && b.in_view >= 0.6 && b.time_ns > from && b.time_ns < to).count() >= 4
     };
-    let neighbour = |c: &ContactTruth, later: bool| {
-        let others = truth.contacts.iter().filter(|o| o.ball == c.ball).map(|o| o.time_ns);
-        if later { others.filter(|t| *t > c.time_ns).min() } else { others.filter(|t| *t < c.time_ns).max() }
-    };
     let both = |c: &ContactTruth| {
-        seen(c, neighbour(c, false).unwrap_or(i64::MIN), c.time_ns) && seen(c, c.time_ns, neighbour(c, true).unwrap_or(i64::MAX))
+        let others = || truth.contacts.iter().filter(|o| o.ball == c.ball).map(|o| o.time_ns);
+        let before = others().filter(|t| *t < c.time_ns).max().unwrap_or(i64::MIN);
+        let after = others().filter(|t| *t > c.time_ns).min().unwrap_or(i64::MAX);
+        seen(c, before, c.time_ns) && seen(c, c.time_ns, after)
     };
     truth.contacts.iter().map(both).collect()
 }
 
+fn angle_deg(a: &Vec3, b: &Vec3) -> f64 {
+    a.angle(b).to_degrees()
+}
+
 impl Score {
-    /// Adds what the engine made of `scene`.
-    pub fn add(&mut self, text: &str, method: Method) {
-        let scene = Scene::parse(text).expect(text);
+    /// Adds what the engine makes of `scene`.
+    pub fn add(&mut self, scene: &str, method: Method) {
+        let scene = Scene::parse(scene).expect(scene);
         let (events, pose) = run(&scene, &config(&scene, method));
         let truth = scene.truth();
-        let contacts: Vec<&Contact> =
-            events.iter().filter(|e| e.is_final).filter_map(|e| if let Kind::Contact(c) = &e.kind { Some(c) } else { None }).collect();
-        let surfaces: Vec<&Surface> =
-            events.iter().filter(|e| e.is_final).filter_map(|e| if let Kind::Surface(s) = &e.kind { Some(s) } else { None }).collect();
-        let count = |f: fn(&Kind) -> bool| events.iter().filter(|e| f(&e.kind)).count();
-        self.tracks += count(|k| matches!(k, Kind::TrackStarted(_)));
-        self.inconsistencies += count(|k| matches!(k, Kind::Inconsistency(_)));
+        let contacts = finals!(events, Contact);
+        self.tracks += finals!(events, TrackStarted).len();
+        self.alarms += finals!(events, Inconsistency).len();
         if let (Some(a), Some(b)) = (truth.frames.first(), truth.frames.last()) {
             self.minutes += (b.timestamp_ns - a.timestamp_ns) as f64 / 60e9;
         }
-        self.found += contacts.len();
-        self.wrong += contacts.iter().filter(|c| !truth.contacts.iter().any(|t| (t.time_ns - c.time_ns).abs() < MATCH_NS)).count();
+        self.wrong += contacts.iter().filter(|(_, c)| !truth.contacts.iter().any(|t| (t.time_ns - c.time_ns).abs() < MATCH_NS)).count();
         for (t, _) in truth.contacts.iter().zip(countable(truth)).filter(|(_, yes)| *yes) {
             self.countable += 1;
-            let nearest =
-                contacts.iter().filter(|c| (t.time_ns - c.time_ns).abs() < MATCH_NS).min_by_key(|c| (t.time_ns - c.time_ns).abs());
-            let Some(c) = nearest else {
-                if std::env::var_os("VERBOSE").is_some() {
-                    println!(
-                        "  missed {text} ball {} t {:.3} at {:.3?} v {:.2?} edge {}",
-                        t.ball,
-                        t.time_ns as f64 * 1e-9,
-                        t.center,
-                        t.velocity_before,
-                        t.on_edge
-                    );
-                }
-                continue;
-            };
-            self.matched += 1;
-            let error = Vec3::from(c.center) - pose.to_world(&Vec3::from(t.center_in_camera));
-            let covariance = Mat3::from_fn(|i, j| c.covariance[i][j]);
-            self.nees.push(covariance.try_inverse().map_or(f64::INFINITY, |i| error.dot(&(i * error)) / 3.0));
-            self.center.push(error.norm());
-            for (sum, e) in self.center_axis.iter_mut().zip(error.iter()) {
-                *sum += e * e;
-            }
-            self.time.push((c.time_ns - t.time_ns) as f64 * 1e-9);
-            if std::env::var_os("VERBOSE").is_some() && error.norm() > 0.004 {
-                println!(
-                    "  off {text} ball {} t {:.3} by {:.1?} mm {:.2} ms nees {:.1} edge {} surface {:?} {}",
-                    t.ball,
-                    t.time_ns as f64 * 1e-9,
-                    (error * 1e3).as_slice(),
-                    (c.time_ns - t.time_ns) as f64 * 1e-6,
-                    self.nees.last().unwrap(),
-                    t.on_edge,
-                    c.surface,
-                    t.surface
-                );
-            }
-            let world_from_true = pose.rotation * Pose::from_rows(&truth.world_from_camera).expect("rigid").rotation.transpose();
-            let normal = world_from_true * Vec3::from(t.normal);
-            if !t.on_edge
-                && let Some(n) = c.normal
-            {
-                self.normal.push(Vec3::from(n).dot(&normal).clamp(-1.0, 1.0).acos().to_degrees());
+            let gap = |c: &Contact| (t.time_ns - c.time_ns).abs();
+            if let Some((_, c)) = contacts.iter().filter(|(_, c)| gap(c) < MATCH_NS).min_by_key(|(_, c)| gap(c)) {
+                self.compare(c, t, &pose);
             }
         }
-        let live: Vec<&&Surface> = surfaces.iter().filter(|s| s.merged_into.is_none()).collect();
-        self.surfaces.push(live.len());
-        for t in &truth.surfaces {
-            let normal = pose.rotation * Vec3::from(t.normal_in_camera);
-            let offset = t.offset_in_camera + normal.dot(&pose.translation);
-            let nearest = live.iter().filter(|s| s.contacts >= 3 && Vec3::from(s.normal).dot(&normal) > 0.9).min_by(|a, b| {
-                let miss = |s: &Surface| (s.offset - offset).abs();
-                miss(a).total_cmp(&miss(b))
-            });
-            if let Some(s) = nearest {
-                let angle = Vec3::from(s.normal).dot(&normal).clamp(-1.0, 1.0).acos().to_degrees();
-                let height = if t.name.contains("top") { Some(0.09) } else { None };
-                if let (Some(h), Some(a)) = (height, s.above) {
-                    self.height.push(a.height - h);
-                    self.height_z.push((a.height - h) / a.sd.unwrap_or(f64::NAN));
-                    self.plane.push(angle);
-                } else if height.is_none() && t.name.contains("ground") {
-                    self.plane.push(angle);
-                }
-                if std::env::var_os("VERBOSE").is_some() {
-                    println!(
-                        "  {text} {}: {} contacts, {angle:.2}°, offset {:+.2} mm, above {:?}",
-                        t.name,
-                        s.contacts,
-                        (s.offset - offset) * 1e3,
-                        s.above
-                    );
-                }
-            }
-        }
-        let orientation = events.iter().rev().find_map(|e| if let Kind::CameraOrientation(o) = &e.kind { Some(o) } else { None });
-        if let Some(o) = orientation {
-            self.gravity.push(Vec3::from(o.gravity_in_camera).angle(&Vec3::from(truth.gravity_in_camera)).to_degrees());
+        self.compare_surfaces(&events, truth, &pose);
+        if let Some((_, o)) = finals!(events, CameraOrientation).last() {
+            self.gravity.push(angle_deg(&Vec3::from(o.gravity_in_camera), &Vec3::from(truth.gravity_in_camera)));
         }
     }
 
-    /// One line.
-    pub fn line(&self) -> String {
-        let n = self.matched.max(1) as f64;
-        let axis = self.center_axis.map(|s| (s / n).sqrt() * 1e3);
+    fn compare(&mut self, c: &Contact, t: &ContactTruth, pose: &Pose) {
+        self.matched += 1;
+        let error = Vec3::from(c.center) - pose.to_world(&Vec3::from(t.center_in_camera));
+        let covariance = Mat3::from_fn(|i, j| c.covariance[i][j]);
+        self.nees.push(covariance.try_inverse().map_or(f64::INFINITY, |i| error.dot(&(i * error)) / 3.0));
+        self.center.push(error.norm());
+        self.time.push((c.time_ns - t.time_ns) as f64 * 1e-9);
+    }
+
+    /// Ground and top of the box, each against the surface nearest to it.
+    fn compare_surfaces(&mut self, events: &[Event], truth: &Truth, pose: &Pose) {
+        let surfaces: Vec<&Surface> = finals!(events, Surface).into_iter().map(|(_, s)| s).filter(|s| s.merged_into.is_none()).collect();
+        self.surfaces.push(surfaces.len());
+        let level = |t: &&SurfaceTruth| t.name.contains("ground") || t.name.contains("top");
+        for t in truth.surfaces.iter().filter(level) {
+            let normal = pose.rotation * Vec3::from(t.normal_in_camera);
+            let offset = t.offset_in_camera + normal.dot(&pose.translation);
+            let miss = |s: &&&Surface| (s.offset - offset).abs();
+            let nearest = surfaces.iter().filter(|s| s.contacts >= 3).min_by(|a, b| miss(a).total_cmp(&miss(b)));
+            if let Some(s) = nearest {
+                self.plane.push(angle_deg(&Vec3::from(s.normal), &normal));
+                self.height.extend(s.above.filter(|_| t.name.contains("top")).map(|a| a.height - BOX));
+            }
+        }
+    }
+
+    /// Head of the table.
+    pub const HEAD: &str = "| scene | method | found | false/min | center mm | time ms | NEES | box height mm | planes ° | gravity ° | alarms |\n|---|---|---|---|---|---|---|---|---|---|---|";
+
+    /// One line of the table; all errors are rms.
+    pub fn row(&self, scene: &str, method: Method) -> String {
+        let method = if method == Method::Paper { "paper" } else { "best" };
+        let percent = 100.0 * self.matched as f64 / self.countable as f64;
+        let gravity = if self.gravity.is_empty() { "–".to_owned() } else { format!("{:.3}", rms(&self.gravity)) };
         format!(
-            "found {}/{} ({:.1} %), false {} ({:.2}/min), center {:.2} mm rms ({:.2} {:.2} {:.2}), time {:.2} ms rms, NEES {:.2}, normal {:.2}°, height {:.2} mm rms (z {:.2}), planes {:.2}° rms, gravity {:.3}° rms, surfaces {:?}, tracks {}, alarms {}",
+            "| {scene} | {method} | {}/{} ({percent:.1} %) | {:.2} | {:.2} | {:.2} | {:.2} | {:.2} | {:.2} | {gravity} | {} |",
             self.matched,
             self.countable,
-            100.0 * self.matched as f64 / self.countable.max(1) as f64,
-            self.wrong,
             self.wrong as f64 / self.minutes,
             rms(&self.center) * 1e3,
-            axis[0],
-            axis[1],
-            axis[2],
             rms(&self.time) * 1e3,
             mean(&self.nees),
-            rms(&self.normal),
             rms(&self.height) * 1e3,
-            rms(&self.height_z),
             rms(&self.plane),
-            rms(&self.gravity),
-            self.surfaces,
-            self.tracks,
-            self.inconsistencies
+            self.alarms
         )
     }
 }
 
-/// Gravity is to be found.
-pub fn tilted(mut config: Config) -> Config {
-    config.assume.camera = Some(CameraAssumption::Tilted);
-    config
+/// What INTERFACE promises of any stream's events: stamps never decrease, tracks live before they are spoken of, every id is final
+/// exactly once.
+pub fn hold(events: &[Event]) {
+    use std::collections::{HashMap, HashSet};
+    let mut live = HashSet::new();
+    let mut ever = HashSet::new();
+    let mut finals: HashMap<(u8, u32), usize> = HashMap::new();
+    assert!(events.is_sorted_by_key(|e| e.timestamp_ns), "a stamp goes back");
+    for e in events {
+        let id = match &e.kind {
+            Kind::TrackStarted(_) => {
+                assert!(ever.insert(e.track), "{:?} began twice", e.track);
+                live.insert(e.track);
+                None
+            }
+            Kind::TrackEnded(_) => {
+                assert!(live.remove(&e.track), "{:?} ended without having begun", e.track);
+                None
+            }
+            Kind::Position(p) => {
+                assert!(live.contains(&e.track) && p.center.iter().all(|x| x.is_finite()));
+                None
+            }
+            Kind::Contact(c) => {
+                assert!(live.contains(&e.track) && c.center.iter().chain(c.covariance.iter().flatten()).all(|x| x.is_finite()), "{c:?}");
+                if let (Some(n), Some(v)) = (c.normal, c.velocity_before) {
+                    assert!(Vec3::from(n).dot(&Vec3::from(v)) <= 1e-9 && (Vec3::from(n).norm() - 1.0).abs() < 1e-9);
+                }
+                Some((0, c.id))
+            }
+            Kind::Surface(s) => Some((1, s.id)),
+            Kind::CameraOrientation(o) => Some((2, o.id)),
+            _ => None,
+        };
+        if let Some(id) = id {
+            let count = finals.entry(id).or_default();
+            assert_eq!(*count, 0, "{id:?} after it was final");
+            *count += usize::from(e.is_final);
+        }
+    }
+    assert!(live.is_empty(), "{live:?} never ended");
+    assert!(finals.values().all(|n| *n == 1), "not final: {finals:?}");
 }

@@ -1,23 +1,26 @@
 //! Positions to events: tracks, what interrupts their flights, and what that says of the scene.
 
-use crate::config::{CameraAssumption, Config, Method};
-use crate::event::{self, Event, Kind, TrackReason};
+mod predictor;
+mod telling;
+
+pub use predictor::Predictor;
+
+use crate::config::{CameraAssumption, Config};
+use crate::event::{self, Event, TrackReason};
 use crate::geometry::camera::{Camera, Pose};
-use crate::math::{Mat3, Vec3, atan2, rows, sqrt};
-use crate::physics::contact::{Contact, RESTITUTION};
-use crate::physics::flight::Flight;
+use crate::math::{Mat3, Vec3, rows, sqrt};
+use crate::physics::between;
+use crate::physics::contact::Contact;
 use crate::physics::gravity::Gravity;
-use crate::physics::inconsistency::Inconsistency;
 use crate::physics::law::{FreeFallWithDrag, State};
-use crate::physics::{between, paper};
-use crate::scene::plane::{Patch, Up};
+use crate::scene::plane::Up;
 use crate::scene::surfaces::Surfaces;
-use crate::time::seconds_between;
 use crate::track::Measurement;
 use crate::track::association::{MEASUREMENTS, TRACKS, associate};
-use crate::track::motion::{Finding, Findings, Surroundings};
+use crate::track::hypothesis::Surroundings;
+use crate::track::motion::{Finding, Findings};
 use crate::track::noise::Noise;
-use crate::track::object::{Outlook, Track};
+use crate::track::object::Track;
 use heapless::Vec;
 
 /// An object unseen for this long is lost, s: the longest gap that may hide a contact, and what it takes to see that it doesn't.
@@ -26,8 +29,6 @@ const LOST: f64 = 0.25;
 const LEFT: f64 = 0.2;
 /// One that hides behind or within another may do so for this long, s.
 const HIDDEN: f64 = 0.6;
-/// A flight tells of the tracker's noise from this long after its beginning, s.
-const SETTLED: f64 = 0.1;
 
 /// Positions to events. It opens nothing, reads no clock and allocates nothing.
 #[derive(Debug)]
@@ -202,105 +203,10 @@ impl Reasoning {
                 Finding::Inconsistent(alarm) => self.tell_inconsistency(place, &alarm, sink),
                 Finding::Touched(contact, again) => self.tell_touch(place, &contact, again, sink),
                 Finding::Settled(contact) => self.tell_contact(place, &contact, sink),
-                Finding::Flown(flight, since, until) => self.learn(place, &law, &flight, since, until, sink),
+                Finding::Flown(flight, since, until) => self.learn(place, law, &flight, since, until, sink),
                 Finding::Parted(at) => self.part(place, at, sink),
             }
         }
-    }
-
-    fn tell_inconsistency(&mut self, place: usize, alarm: &Inconsistency, sink: &mut dyn FnMut(Event)) {
-        let told = event::Inconsistency {
-            predicted: alarm.predicted.into(),
-            measured: alarm.measured.into(),
-            distance: alarm.distance,
-            threshold: alarm.threshold,
-            p_value: alarm.p_value,
-        };
-        self.emit(self.tracks.get(place).map(|t| t.id), true, told, sink);
-    }
-
-    fn tell_touch(&mut self, place: usize, contact: &Contact, again: bool, sink: &mut dyn FnMut(Event)) {
-        self.last_contact += u32::from(!again);
-        let Some(track) = self.tracks.get_mut(place) else { return };
-        if !again {
-            track.contact = self.last_contact;
-        }
-        let (id, radius) = (track.contact, track.radius);
-        let surface = self.surfaces.touched(&contact.center, &contact.center_covariance(), radius);
-        self.emit_contact(place, id, contact, surface, false, sink);
-    }
-
-    fn tell_contact(&mut self, place: usize, contact: &Contact, sink: &mut dyn FnMut(Event)) {
-        let Some((id, radius)) = self.tracks.get(place).map(|t| (t.contact, t.radius)) else { return };
-        let up = self.up();
-        let surface = Patch::new(contact, radius, self.config.object.spin_sd).and_then(|patch| self.surfaces.add(patch, &up));
-        self.emit_contact(place, id, contact, surface, true, sink);
-        self.tell_surfaces(false, sink);
-    }
-
-    fn emit_contact(
-        &mut self,
-        place: usize,
-        id: u32,
-        contact: &Contact,
-        surface: Option<(u32, Vec3)>,
-        last: bool,
-        sink: &mut dyn FnMut(Event),
-    ) {
-        let Some(track) = self.tracks.get(place) else { return };
-        let own = match self.config.laws.method {
-            Method::Best => contact.normal(RESTITUTION),
-            Method::Paper => paper::normal(contact),
-        };
-        // A surface's normal is known better than one contact's, where the ball did come from its front.
-        let normal = surface.map(|(_, n)| n).filter(|n| self.config.laws.method == Method::Best && n.dot(&contact.before) < 0.0).or(own);
-        let normal = normal.filter(|n| n.dot(&contact.before) <= 0.0);
-        let told = event::Contact {
-            id,
-            time_ns: track.stamp(contact.time),
-            time_sd: Some(contact.time_sd).filter(|sd| sd.is_finite()),
-            center: contact.center.into(),
-            point: normal.map(|n| (contact.center - n * track.radius).into()),
-            covariance: rows(&contact.center_covariance()),
-            normal: normal.map(Into::into),
-            direction: contact.direction().map(Into::into),
-            velocity_before: Some(contact.before.into()),
-            velocity_after: Some(contact.after.into()),
-            restitution: normal.and_then(|n| contact.restitution(&n)),
-            surface: surface.map(|(id, _)| id),
-        };
-        self.emit(Some(track.id), last, told, sink);
-    }
-
-    /// A flight is over: what it says of gravity and of the noise.
-    fn learn(&mut self, place: usize, law: &FreeFallWithDrag, flight: &Flight, since: f64, until: f64, sink: &mut dyn FnMut(Event)) {
-        let Some(track) = self.tracks.get(place) else { return };
-        let samples = between(track.samples(), since, until);
-        // Just after an impact a ball swings.
-        self.noise.learn(flight, law, between(samples, since + SETTLED, until));
-        let Some((information, vector)) = flight.gravity_information(law, samples) else { return };
-        // A throw, a catch or a piece of one frame may pass for a flight; gravity does not change.
-        if self.gravity.size.is_some() && self.gravity.disagreement(&information, &vector) > 30.0 {
-            return;
-        }
-        if self.gravity.size.is_some() {
-            self.gravity.learn(&information, &vector);
-        }
-        self.measured.0.learn(&information, &vector);
-        self.measured.1 += 1;
-        let Some(covariance) = self.measured.0.information.try_inverse() else { return };
-        let to_camera = self.pose.rotation.transpose();
-        let g = to_camera * self.measured.0.mean;
-        let told = event::CameraOrientation {
-            id: self.last_orientation,
-            gravity_in_camera: g.into(),
-            roll: atan2(g.x, g.y),
-            pitch: atan2(-g.z, sqrt(g.x * g.x + g.y * g.y)),
-            covariance: rows(&crate::math::symmetric(&(to_camera * covariance * self.pose.rotation))),
-            flights: self.measured.1,
-        };
-        self.last_orientation += 1;
-        self.emit(None, true, told, sink);
     }
 
     /// What a track holds from `at` (s) on is another object: the camera lost the one and found the other.
@@ -375,23 +281,6 @@ impl Reasoning {
             self.tracks.remove(place);
         }
     }
-
-    fn announce(&mut self, sink: &mut dyn FnMut(Event)) {
-        if !core::mem::replace(&mut self.announced, true) {
-            self.tell_surfaces(false, sink);
-        }
-    }
-
-    fn tell_surfaces(&mut self, last: bool, sink: &mut dyn FnMut(Event)) {
-        let (up, now) = (self.up(), self.now);
-        self.surfaces.tell(&up, last, |surface, is_final| {
-            sink(Event { timestamp_ns: now, track: None, is_final, kind: surface.into() });
-        });
-    }
-
-    fn emit(&self, track: Option<u32>, is_final: bool, kind: impl Into<Kind>, sink: &mut dyn FnMut(Event)) {
-        sink(Event { timestamp_ns: self.now, track, is_final, kind: kind.into() });
-    }
 }
 
 /// Without a covariance that is none.
@@ -403,26 +292,4 @@ fn proper(mut m: Measurement) -> Measurement {
 /// The world of a stream: that of the configured pose; else the camera's axes renamed; for positions, their own.
 fn world_of(camera: Option<&Camera>) -> Pose {
     camera.map_or(Pose { rotation: Mat3::identity(), translation: Vec3::zeros() }, |c| c.pose.unwrap_or_else(Pose::renamed_axes))
-}
-
-/// A track as it is now, to be asked where the object will be: Eq. 2.
-#[derive(Clone, Debug)]
-pub struct Predictor {
-    track: u32,
-    epoch_ns: i64,
-    outlook: Outlook,
-    law: FreeFallWithDrag,
-}
-
-impl Predictor {
-    /// The track's number.
-    pub fn track(&self) -> u32 {
-        self.track
-    }
-
-    /// Center (world, m) at `timestamp_ns`, and its covariance (m²).
-    pub fn predict(&self, timestamp_ns: i64) -> (Vec3, Mat3) {
-        let prediction = self.outlook.predict(&self.law, seconds_between(self.epoch_ns, timestamp_ns));
-        (prediction.state.position, prediction.covariance)
-    }
 }
