@@ -11,7 +11,7 @@ use physinc::sim::Scene;
 fn bounces(keys: &str, method: Method) -> Score {
     let mut score = Score::default();
     for seed in 0..3 {
-        score.add(&format!("bounce?seed={}&distance={}&{keys}", 40 + seed, 1.55 + 0.2 * seed as f64), method);
+        score.add(&format!("bounce?seed={}&distance={}&{keys}", 40 + seed, 1.55 + 0.2 * f64::from(seed)), method);
     }
     score
 }

@@ -22,9 +22,10 @@ macro_rules! finals {
             .iter()
             .filter(|e| e.is_final)
             .filter_map(|e| if let Kind::$kind(x) = &e.kind { Some((e, x)) } else { None })
-            .collect::<Vec<(&Event, &$kind)>>()
+            .collect::<Vec<(&physinc::event::Event, &$kind)>>()
     };
 }
+#[allow(unused_imports)] // As above.
 pub(crate) use finals;
 
 /// Sums over scenes.
