@@ -16,10 +16,21 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 import physinc
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+GAP = 0.05
+"""Frames further apart don't belong to one flight, s."""
+LONG = 0.5
+"""A shorter flight tells little of gravity, s."""
+LEAST = 8
+"""Fewer frames are no flight."""
+WOBBLE = 0.002
+"""How far a marker on a spinning ball strays from the center's flight, m."""
 
 
 class Sample(NamedTuple):
@@ -119,6 +130,37 @@ def report(recording: Recording, config: physinc.Config) -> None:
     if gravity:
         size = math.hypot(*gravity[-1].gravity_in_camera)
         print(f"gravity: {size:.3f} m/s² from {gravity[-1].flights} flights")
+    report_free_gravity(recording, config.object)
+
+
+def flights(recording: Recording, ball: physinc.ObjectConfig) -> Iterator[physinc.FlightFit]:
+    """Every flight of at least LONG by itself, as if nothing were known of gravity: cut at gaps, and where Eq. 3 is violated."""
+    by_track = sorted(recording.samples, key=lambda sample: (sample.track, sample.frame))
+    for _, samples in groupby(by_track, key=lambda sample: sample.track):
+        frames, centers = (np.array(column) for column in zip(*((s.frame, s.center) for s in samples), strict=True))
+        t = frames / recording.frequency
+        for whole in np.split(np.arange(len(t)), np.flatnonzero(np.diff(t) > GAP) + 1):
+            if len(whole) < LEAST:
+                continue
+            found = physinc.find_inconsistencies(t[whole], centers[whole], law="free_fall_with_drag", drag=ball, sd=WOBBLE)
+            for part in np.split(whole, np.flatnonzero(found.inconsistent)):
+                if len(part) >= LEAST and t[part[-1]] - t[part[0]] >= LONG:
+                    fit = physinc.fit_flight(t[part], centers[part], "free_fall_with_drag", drag=ball, gravity=None)
+                    if fit is not None:
+                        yield fit
+
+
+def report_free_gravity(recording: Recording, ball: physinc.ObjectConfig) -> None:
+    """Print the mean size of gravity and its scatter from flight to flight, which shows what the model leaves out; noise alone doesn't."""
+    fits = list(flights(recording, ball))
+    if not fits:
+        return
+    sizes = np.array([math.nan if fit.gravity is None else math.hypot(*fit.gravity) for fit in fits])
+    weights = np.array([1 / np.trace(fit.covariance[6:, 6:]) for fit in fits])
+    mean = np.average(sizes, weights=weights)
+    scatter = math.sqrt(np.average((sizes - mean) ** 2, weights=weights))
+    residual = math.sqrt(np.mean([fit.residual_rms**2 for fit in fits]))
+    print(f"each of {len(fits)} flights by itself: {mean:.3f} m/s², scatter {scatter:.3f}, {1000 * residual:.1f} mm off a flight (rms)")
 
 
 def main() -> int:

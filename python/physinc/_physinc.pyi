@@ -13,10 +13,15 @@ __all__ = [
     "CameraModel",
     "CameraOrientation",
     "Contact",
+    "ContactFit",
     "Counters",
+    "FlightFit",
     "Gap",
+    "Inconsistencies",
     "Inconsistency",
+    "PlaneFit",
     "Position",
+    "SphereFit",
     "Stream",
     "StreamEnded",
     "StreamStarted",
@@ -25,17 +30,24 @@ __all__ = [
     "TrackEnded",
     "TrackStarted",
     "__version__",
+    "accelerations",
     "dump_config",
     "event_from_toml",
+    "find_inconsistencies",
+    "fit_flight",
+    "fit_planes",
+    "fit_sphere",
     "open_iterable",
     "open_source",
     "scenes",
     "simulate",
+    "solve_contact",
 ]
 
 _Array: TypeAlias = NDArray[np.float64]
 _Config: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | Config | None
 _Camera: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | CameraConfig | None
+_Side: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike | None]
 _TrackReason: TypeAlias = Literal["appeared", "lost", "left_view", "merged", "stream_ended"]
 
 @final
@@ -590,6 +602,198 @@ class Stream:
     def tracks(self) -> dict[int, Track]:
         """The live tracks by number, as of the last event."""
 
+@final
+class SphereFit:
+    """A sphere through points, in their frame."""
+
+    __match_args__ = ("center", "radius", "covariance", "residual_rms", "inliers")
+    @property
+    def center(self) -> _Array:
+        """Center [3], m."""
+    @property
+    def radius(self) -> float:
+        """As given, or estimated, m."""
+    @property
+    def covariance(self) -> _Array:
+        """Of `center` [3, 3], m²; as if the points erred independently of each other, as neighbouring pixels do not."""
+    @property
+    def residual_rms(self) -> float:
+        """Root mean square distance of the inliers from the sphere, m."""
+    @property
+    def inliers(self) -> int:
+        """Points within three standard deviations."""
+
+@final
+class FlightFit:
+    """A flight that one law explains."""
+
+    __match_args__ = (
+        "t",
+        "position",
+        "velocity",
+        "gravity",
+        "covariance",
+        "chi2",
+        "dof",
+        "sd",
+        "residual_rms",
+        "log_evidence",
+    )
+    @property
+    def t(self) -> float:
+        """Of the last measurement, s."""
+    @property
+    def position(self) -> _Array:
+        """At `t` [3], m."""
+    @property
+    def velocity(self) -> _Array:
+        """At `t` [3], m/s."""
+    @property
+    def gravity(self) -> _Array | None:
+        """As known or estimated [3], m/s²; `None` where a callable was the law."""
+    @property
+    def covariance(self) -> _Array:
+        """Of (position, velocity, gravity), [9, 9]."""
+    @property
+    def chi2(self) -> float:
+        """Weighted sum of squared residuals; about `dof` where the law holds and the noise is known."""
+    @property
+    def dof(self) -> int:
+        """Numbers measured, less those that were found out."""
+    @property
+    def sd(self) -> float | None:
+        """Standard deviation of the positions an axis, m, as the residuals tell it (1e-6 at the least); `None` where it was given."""
+    @property
+    def residual_rms(self) -> float:
+        """Root mean square distance of the measurements from the flight, m."""
+    @property
+    def log_evidence(self) -> float:
+        """Log of the marginal likelihood of the positions: fits of the same ones with the same noise compare by it."""
+    def predict(self, t: float) -> tuple[_Array, _Array]:
+        """Where it is at `t` (s), before or after (Eq. 2): center [3] (m) and its covariance [3, 3] (m²).
+
+        Raises ValueError where `t` or the prediction isn't finite, and what a callable law raises.
+        """
+
+@final
+class Inconsistencies:
+    """Measurements beside their predictions (Eq. 3); NaN where nothing could be predicted."""
+
+    __match_args__ = ("predicted", "distance", "threshold", "p_value", "moving_average", "inconsistent", "sd")
+    @property
+    def predicted(self) -> _Array:
+        """Centers by the law [N, 3], m."""
+    @property
+    def distance(self) -> _Array:
+        """From the predicted to the measured ones [N], m."""
+    @property
+    def threshold(self) -> _Array:
+        """What `distance` is held against [N], m: θ, or the distance in that direction at which the whitened test alarms."""
+    @property
+    def p_value(self) -> _Array:
+        """Probability of such a distance without a cause [N]; NaN with the paper's method."""
+    @property
+    def moving_average(self) -> _Array:
+        """Mean of the last five distances [N], m."""
+    @property
+    def inconsistent(self) -> NDArray[np.bool_]:
+        """Where prediction and measurement disagree [N]."""
+    @property
+    def sd(self) -> float | None:
+        """Standard deviation of the positions an axis, m, where it was estimated."""
+
+@final
+class ContactFit:
+    """Two flights that share a point and a time."""
+
+    __match_args__ = (
+        "time",
+        "time_sd",
+        "center",
+        "point",
+        "covariance",
+        "state_covariance",
+        "normal",
+        "direction",
+        "velocity_before",
+        "velocity_after",
+        "restitution",
+        "chi2",
+        "sd",
+    )
+    @property
+    def time(self) -> float:
+        """First touch, s."""
+    @property
+    def time_sd(self) -> float | None:
+        """Standard deviation of `time`, s; `None` with the paper's method."""
+    @property
+    def center(self) -> _Array:
+        """Center of the ball at first touch [3], m."""
+    @property
+    def point(self) -> _Array | None:
+        """Where it touched [3], m: center − radius · normal; `None` where one of them is unknown."""
+    @property
+    def covariance(self) -> _Array | None:
+        """Of `center` [3, 3], m²; `None` with the paper's method."""
+    @property
+    def state_covariance(self) -> _Array | None:
+        """Of (center, velocity before, velocity after), [9, 9]; `None` with the paper's method."""
+    @property
+    def normal(self) -> _Array | None:
+        """Unit normal [3], to the side the ball came from: as given, or as this contact alone shows it."""
+    @property
+    def direction(self) -> _Array | None:
+        """The paper's: normalised mean of the two unit tangents along the motion [3]; `None` where they cancel."""
+    @property
+    def velocity_before(self) -> _Array:
+        """At first touch [3], m/s."""
+    @property
+    def velocity_after(self) -> _Array:
+        """At last touch [3], m/s."""
+    @property
+    def restitution(self) -> float | None:
+        """Speed away from the surface over speed into it."""
+    @property
+    def chi2(self) -> float | None:
+        """Weighted sum of squared residuals; `None` with the paper's method."""
+    @property
+    def sd(self) -> float | None:
+        """Standard deviation of the positions an axis, m, where it was estimated."""
+
+@final
+class PlaneFit:
+    """A plane that contacts lie on."""
+
+    __match_args__ = ("normal", "offset", "covariance", "contacts", "restitution", "tilt", "tilt_sd", "outline", "above")
+    @property
+    def normal(self) -> _Array:
+        """Unit normal [3], to the contacts' side."""
+    @property
+    def offset(self) -> float:
+        """normal · p = offset, m."""
+    @property
+    def covariance(self) -> _Array:
+        """Of (normal, offset), [4, 4]."""
+    @property
+    def contacts(self) -> list[int]:
+        """Which of the contacts, by index."""
+    @property
+    def restitution(self) -> float:
+        """Of the ball on it."""
+    @property
+    def tilt(self) -> float:
+        """Angle between the normal and up, rad."""
+    @property
+    def tilt_sd(self) -> float:
+        """Standard deviation of `tilt`, rad."""
+    @property
+    def outline(self) -> _Array:
+        """Convex hull of the touched points on the plane [M, 3], m."""
+    @property
+    def above(self) -> Above | None:
+        """The parallel plane below it, by its index in the list."""
+
 def open_source(
     source: str,
     *,
@@ -607,5 +811,36 @@ def dump_config(source: str | None = None, config: _Config = None, camera: _Came
 def event_from_toml(text: str) -> _Event: ...
 def simulate(scene: str, out: str | os.PathLike[str]) -> tuple[int, int, int]: ...
 def scenes() -> list[str]: ...
+def accelerations(t: ArrayLike, positions: ArrayLike) -> _Array: ...
+def fit_sphere(points: ArrayLike, radius: float | None) -> SphereFit | None: ...
+def fit_flight(
+    t: ArrayLike, positions: ArrayLike, law: Any, gravity: Any, drag: Any, sd: float | None, covariance: ArrayLike | None
+) -> FlightFit | None: ...
+def find_inconsistencies(
+    t: ArrayLike,
+    positions: ArrayLike,
+    method: str,
+    horizon: str,
+    law: Any,
+    gravity: Any,
+    drag: Any,
+    sd: float | None,
+    covariance: ArrayLike | None,
+    theta: float,
+    false_alarm: float,
+) -> Inconsistencies: ...
+def solve_contact(
+    before: _Side,
+    after: _Side,
+    method: str,
+    law: Any,
+    gravity: Any,
+    drag: Any,
+    duration: float,
+    normal: ArrayLike | None,
+    radius: float | None,
+    sd: float | None,
+) -> ContactFit | None: ...
+def fit_planes(contacts: Iterable[Contact | ContactFit], radius: float | None, gravity: Any, spin_sd: float) -> list[PlaneFit]: ...
 
 __version__: str

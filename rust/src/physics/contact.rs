@@ -143,6 +143,24 @@ impl Solver<'_> {
         Some(contact)
     }
 
+    /// Standard deviation (m) of samples of which it is unknown, as the residuals of both flights tell it; the samples are weighted by
+    /// it. `None` where nothing is left over to tell it.
+    pub fn noise(&self, samples: &mut [Sample], split: usize) -> Option<f64> {
+        let (before, after) = samples.split_at_mut_checked(split)?;
+        let (mut squares, mut freedom) = (0.0, 0.0);
+        for side in [before, after] {
+            let (flight, sd) = Flight::fit_with_noise(self.law, side, self.gravity)?;
+            let free = flight.dof() - self.gravity.unknowns();
+            squares += free * sd * sd;
+            freedom += free;
+        }
+        let variance = squares / freedom;
+        for sample in samples {
+            sample.weight = Mat3::from_diagonal_element(1.0 / variance);
+        }
+        Some(crate::math::sqrt(variance))
+    }
+
     /// When the extrapolated flights are closest, in `from..=to`.
     fn closest_approach(&self, f: &Flight, h: &Flight, from: f64, to: f64) -> f64 {
         const STEPS: i32 = 24;

@@ -1,11 +1,11 @@
 //! A flight: measurements that one law explains from one position and one velocity.
 
-use crate::math::{Mat3, Vec3};
+use crate::math::{Mat3, Vec3, sqrt};
 use crate::physics::Sample;
 use crate::physics::accumulator::Accumulator;
 use crate::physics::gravity::Gravity;
 use crate::physics::law::{Law, State};
-use nalgebra::SMatrix;
+use nalgebra::{SMatrix, SVector};
 
 /// Standard deviation of a velocity that nothing is known of, m/s an axis.
 pub const VELOCITY_SD: f64 = 15.0;
@@ -40,8 +40,55 @@ impl Flight {
     /// The flight that explains `samples` (sorted by time) best under `law`, with what is known of gravity.
     /// `None` without samples, or where they are not finite.
     pub fn fit(law: &dyn Law, samples: &[Sample], gravity: &Gravity) -> Option<Self> {
+        let (mut flight, mut spread) = Self::start(samples, gravity)?;
+        // Drag bends by what the velocity is, gravity's size acts along what its direction is: twice is to a few µm.
+        for _ in 0..3 {
+            flight.improve(law, samples, gravity, &mut spread)?;
+        }
+        Some(flight)
+    }
+
+    /// Like [`Flight::fit`], until no unknown moves by more than a thousandth of its standard deviation: for any law, and for gravity
+    /// of which nothing is known. `None` also where that never happens.
+    pub fn fit_fully(law: &dyn Law, samples: &[Sample], gravity: &Gravity) -> Option<Self> {
+        let (mut flight, mut spread) = Self::start(samples, gravity)?;
+        for _ in 0..60 {
+            let step = flight.improve(law, samples, gravity, &mut spread)?;
+            let within = |i: usize| step[i] * step[i] <= 1e-6 * flight.covariance[(i, i)];
+            if (0..9).all(within) {
+                return Some(flight);
+            }
+        }
+        None
+    }
+
+    /// [`Flight::fit_fully`] for samples with one unknown standard deviation (m), which their residuals tell: they are weighted by it,
+    /// and it is returned. It is taken for no less than 1 µm. `None` also where nothing is left over to tell it.
+    pub fn fit_with_noise(law: &dyn Law, samples: &mut [Sample], gravity: &Gravity) -> Option<(Self, f64)> {
+        let freedom = 3.0 * samples.len() as f64 - 6.0 - gravity.unknowns();
+        let mut sd: f64 = 1e-3;
+        let mut flight = None;
+        for _ in 0..6 {
+            let weight = Mat3::from_diagonal_element(1.0 / (sd * sd));
+            for sample in samples.iter_mut() {
+                sample.weight = weight;
+            }
+            let fit = Self::fit_fully(law, samples, gravity).filter(|_| freedom > 0.0)?;
+            let squares: f64 = fit.residuals(law, samples).map(|r| r.norm_squared()).sum();
+            let (previous, estimate) = (sd, sqrt(squares / freedom).max(1e-6));
+            flight = Some((fit, sd));
+            sd = estimate;
+            if (estimate - previous).abs() < 1e-3 * previous {
+                break;
+            }
+        }
+        flight
+    }
+
+    /// Begins at the last sample.
+    fn start(samples: &[Sample], gravity: &Gravity) -> Option<(Self, f64)> {
         let last = samples.last()?;
-        let mut flight = Self {
+        let flight = Self {
             state: State { t: last.t, position: last.position, velocity: first_velocity(samples, &gravity.mean) },
             gravity: gravity.mean,
             covariance: SMatrix::zeros(),
@@ -49,22 +96,35 @@ impl Flight {
             log_evidence: 0.0,
             count: samples.len(),
         };
-        let mut spread = gravity.spread();
-        // Drag bends by what the velocity is, gravity's size acts along what its direction is: twice is to a few µm.
-        for _ in 0..3 {
-            let mut fit = flight.observe(law, samples);
-            fit_priors(&mut fit, gravity, &flight.gravity, spread);
-            let solution = fit.solve()?;
-            let step = solution.mean.fixed_rows::<3>(0).into_owned();
-            flight.state.position = step;
-            flight.state.velocity = solution.mean.fixed_rows::<3>(3).into();
-            flight.gravity = solution.mean.fixed_rows::<3>(6).into();
-            flight.covariance = solution.covariance;
-            flight.chi2 = solution.chi2;
-            flight.log_evidence = solution.log_evidence;
-            spread = solution.covariance.fixed_view::<3, 3>(6, 6).trace() / 3.0;
-        }
-        Some(flight)
+        Some((flight, gravity.spread()))
+    }
+
+    /// One Gauss–Newton step, which is returned. `spread` is gravity's variance along one axis before, and then after it.
+    fn improve(&mut self, law: &dyn Law, samples: &[Sample], gravity: &Gravity, spread: &mut f64) -> Option<SVector<f64, 9>> {
+        let mut fit = self.observe(law, samples);
+        fit_priors(&mut fit, gravity, &self.gravity, *spread);
+        let solution = fit.solve()?;
+        let mut before = solution.mean;
+        before.fixed_rows_mut::<3>(0).copy_from(&self.state.position);
+        before.fixed_rows_mut::<3>(3).copy_from(&self.state.velocity);
+        before.fixed_rows_mut::<3>(6).copy_from(&self.gravity);
+        self.state.position = solution.mean.fixed_rows::<3>(0).into();
+        self.state.velocity = solution.mean.fixed_rows::<3>(3).into();
+        self.gravity = solution.mean.fixed_rows::<3>(6).into();
+        self.covariance = solution.covariance;
+        self.chi2 = solution.chi2;
+        self.log_evidence = solution.log_evidence;
+        *spread = solution.covariance.fixed_view::<3, 3>(6, 6).trace() / 3.0;
+        Some(solution.mean - before)
+    }
+
+    /// How far the samples are from the flight, m, from the last to the first.
+    pub fn residuals<'a>(&self, law: &'a dyn Law, samples: &'a [Sample]) -> impl Iterator<Item = Vec3> + 'a {
+        let gravity = self.gravity;
+        samples.iter().rev().scan(self.state, move |state, sample| {
+            *state = state.at(sample.t, law, &gravity);
+            Some(sample.position - state.position)
+        })
     }
 
     /// The normal equations of position, velocity (at the reference time) and gravity, linear about the present estimate.
@@ -159,6 +219,30 @@ mod tests {
         let (information, vector) = flight.gravity_information(&FreeFall, &samples).unwrap();
         let free = information.try_inverse().unwrap() * vector;
         assert!((free - tilted).norm() < 1e-4, "{free}");
+    }
+
+    #[test]
+    fn the_size_of_gravity_comes_out_where_nothing_is_known_of_it() {
+        let law = FreeFallWithDrag { drag: 0.02 };
+        let moon = Vec3::new(0.3, 0.2, -1.6);
+        for (size, within) in [(None, 1e-5), (Some(moon.norm()), 1e-5)] {
+            let (flight, sd) = Flight::fit_with_noise(&law, &mut fly(&law, &moon), &Gravity::free(size)).unwrap();
+            assert!((flight.gravity - moon).norm() < within && sd < 2e-6, "{flight:?}");
+        }
+        assert!(Flight::fit_with_noise(&law, &mut fly(&law, &moon)[..3], &Gravity::free(None)).is_none());
+    }
+
+    #[test]
+    fn noise_is_told_by_the_residuals() {
+        let mut samples = fly(&FreeFall, &G);
+        for (i, sample) in samples.iter_mut().enumerate() {
+            // Alternating: nothing that a parabola could follow.
+            sample.position.x += if i % 2 == 0 { 2e-3 } else { -2e-3 };
+        }
+        let (flight, sd) = Flight::fit_with_noise(&FreeFall, &mut samples, &Gravity::known(G)).unwrap();
+        let expected = sqrt(15.0 * 4e-6 / 39.0);
+        assert!((sd / expected - 1.0).abs() < 0.03, "{sd}");
+        assert!((flight.chi2 / 39.0 - 1.0).abs() < 0.01);
     }
 
     #[test]

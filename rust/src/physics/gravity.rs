@@ -19,6 +19,8 @@ pub struct Gravity {
 const SIZE_SD: f64 = 0.02;
 /// How far the direction may be from the guess before any flight was seen, m/s² an axis: upside down is 2 · 9.81.
 const UNKNOWN_SD: f64 = 10.0;
+/// Of a gravity of which nothing is known, m/s² an axis.
+const ANY_SD: f64 = 1e3;
 
 impl Gravity {
     /// The vector is known.
@@ -29,6 +31,20 @@ impl Gravity {
     /// Only the size is known, and `guess` is a first direction.
     pub fn of_known_size(guess: Vec3) -> Self {
         Self { mean: guess, information: Mat3::from_diagonal_element(1.0 / (UNKNOWN_SD * UNKNOWN_SD)), size: Some(guess.norm()) }
+    }
+
+    /// Nothing is known but, perhaps, the size.
+    pub fn free(size: Option<f64>) -> Self {
+        Self { mean: Vec3::zeros(), information: Mat3::from_diagonal_element(1.0 / (ANY_SD * ANY_SD)), size }
+    }
+
+    /// How many numbers about it a fit has to find out.
+    pub fn unknowns(&self) -> f64 {
+        match self.size {
+            _ if self.spread() < 1.0 => 0.0,
+            Some(_) => 2.0,
+            None => 3.0,
+        }
     }
 
     /// Adds this knowledge to the normal equations of a fit whose unknowns from `first` on are gravity. The size is no linear

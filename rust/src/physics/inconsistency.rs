@@ -38,21 +38,47 @@ impl WhitenedTest {
         (prediction.covariance + covariance).cholesky().map_or(f64::INFINITY, |c| innovation.dot(&c.solve(&innovation)))
     }
 
-    /// Spends the next test on `measured`.
+    /// Spends the next test on `measured`; `None` where it agrees.
     pub fn test(&mut self, prediction: &Prediction, measured: &Vec3, covariance: &Mat3) -> Option<Inconsistency> {
+        let outcome = self.spend(prediction, measured, covariance);
+        outcome.alarms().then(|| outcome.inconsistency(prediction, measured))
+    }
+
+    /// Spends the next test on `measured`, and tells of the distance whether it alarms or not.
+    pub fn assess(&mut self, prediction: &Prediction, measured: &Vec3, covariance: &Mat3) -> (Inconsistency, bool) {
+        let outcome = self.spend(prediction, measured, covariance);
+        (outcome.inconsistency(prediction, measured), outcome.alarms())
+    }
+
+    fn spend(&mut self, prediction: &Prediction, measured: &Vec3, covariance: &Mat3) -> Outcome {
         self.tests += 1.0;
-        let allowance = self.false_alarm / (self.tests * (self.tests + 1.0));
         let d2 = Self::distance2(prediction, measured, covariance);
-        let p_value = chi2_3_sf(d2);
+        Outcome { d2, p_value: chi2_3_sf(d2), allowance: self.false_alarm / (self.tests * (self.tests + 1.0)) }
+    }
+}
+
+/// What one test gave.
+struct Outcome {
+    d2: f64,
+    p_value: f64,
+    allowance: f64,
+}
+
+impl Outcome {
+    fn alarms(&self) -> bool {
+        self.p_value < self.allowance
+    }
+
+    fn inconsistency(&self, prediction: &Prediction, measured: &Vec3) -> Inconsistency {
         let distance = (measured - prediction.state.position).norm();
-        (p_value < allowance).then(|| Inconsistency {
+        Inconsistency {
             predicted: prediction.state.position,
             measured: *measured,
             distance,
             // The same direction, at the edge of the test.
-            threshold: if d2.is_finite() { distance * sqrt(chi2_3_isf(allowance) / d2) } else { 0.0 },
-            p_value: Some(p_value),
-        })
+            threshold: if self.d2.is_finite() { distance * sqrt(chi2_3_isf(self.allowance) / self.d2) } else { 0.0 },
+            p_value: Some(self.p_value),
+        }
     }
 }
 

@@ -7,6 +7,7 @@ pub mod gravity;
 pub mod inconsistency;
 pub mod law;
 pub mod paper;
+pub mod watch;
 
 use crate::math::{Mat3, Vec3};
 
@@ -31,6 +32,11 @@ pub fn between(samples: &[Sample], from: f64, to: f64) -> &[Sample] {
 }
 
 impl Sample {
+    /// Covariance of `position`, m².
+    pub fn covariance(&self) -> Mat3 {
+        self.weight.try_inverse().unwrap_or_else(|| Mat3::from_diagonal_element(f64::INFINITY))
+    }
+
     /// A sample with the same standard deviation `sd` (m) along each axis.
     pub fn isotropic(t: f64, position: Vec3, sd: f64) -> Self {
         Self { t, position, weight: Mat3::from_diagonal_element(1.0 / (sd * sd)), half_span: 0.0 }

@@ -25,7 +25,6 @@ pub fn matrix(array: &Bound<'_, PyAny>, what: &str) -> PyResult<Mat3> {
 }
 
 /// [N, 3] finite numbers; `what` is it that they are.
-#[allow(dead_code)] // The array functions take their points by it.
 pub fn points(array: &Bound<'_, PyAny>, what: &str) -> PyResult<Vec<Vec3>> {
     let wrong = || PyValueError::new_err(format!("{what} must be an array [N, 3], got {}", shown(array)));
     let numbers: PyArrayLike2<'_, f64, AllowTypeChange> = array.extract().map_err(|_| wrong())?;
@@ -50,7 +49,7 @@ pub fn array2<'py, const C: usize>(py: Python<'py>, rows: &[[f64; C]]) -> PyResu
     flat.map(Bound::into_any)
 }
 
-fn shown(value: &Bound<'_, PyAny>) -> std::string::String {
+pub fn shown(value: &Bound<'_, PyAny>) -> std::string::String {
     match value.getattr("shape") {
         Ok(shape) => format!("an array of shape {shape}"),
         Err(_) => value.repr().map_or_else(|_| "something else".into(), |text| text.to_string().chars().take(60).collect()),

@@ -14,7 +14,7 @@ use std::string::{String, ToString};
 use std::vec::Vec;
 
 /// A field as Python sees it: float64 arrays for vectors and matrices, `None` where unknown.
-trait Field {
+pub trait Field {
     fn to_python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>>;
 }
 
@@ -23,7 +23,7 @@ macro_rules! plain_fields {
         fn to_python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> { self.into_bound_py_any(py) }
     })*};
 }
-plain_fields!(u32, u64, i64, f64);
+plain_fields!(u32, u64, usize, i64, f64, Vec<usize>);
 
 impl<const N: usize> Field for [f64; N] {
     fn to_python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {

@@ -4,7 +4,12 @@ mod array;
 mod config;
 mod error;
 mod event;
+mod functions;
 mod iterable;
+mod law;
+mod planes;
+mod result;
+mod samples;
 mod simulation;
 mod stream;
 
@@ -19,6 +24,12 @@ mod _physinc {
         Above, CameraModel, CameraOrientation, Contact, Counters, Gap, Inconsistency, Position, StreamEnded, StreamStarted, Surface,
         TrackEnded, TrackStarted, event_from_toml,
     };
+    #[pymodule_export]
+    use super::functions::{accelerations, find_inconsistencies, fit_flight, fit_sphere, solve_contact};
+    #[pymodule_export]
+    use super::planes::fit_planes;
+    #[pymodule_export]
+    use super::result::{ContactFit, FlightFit, Inconsistencies, PlaneFit, SphereFit};
     #[pymodule_export]
     use super::simulation::{scenes, simulate};
     #[pymodule_export]

@@ -4,10 +4,12 @@
 //! n·c = d + R; after + e·before lies in it, whatever friction and spin; and, without spin across the motion, the motion stays in
 //! one plane with the normal, n·(before × after) = 0.
 
+use crate::event;
 use crate::math::{Mat3, Vec3, rows, sqrt};
 use crate::physics::accumulator::{Accumulator, Solution};
 use crate::physics::contact::{Contact, RESTITUTION};
 use crate::scene::outline::tangents;
+use crate::track::hypothesis::AFTER_SIDE;
 use nalgebra::{Matrix4, Matrix4x3, SMatrix, SVector, Vector4};
 
 /// Scatter of one ball's restitution from bounce to bounce.
@@ -53,6 +55,30 @@ impl Patch {
             spin_sd,
             normal: contact.normal(RESTITUTION).filter(|_| finite)?,
         })
+    }
+
+    /// Of a contact as it was told, without the covariance of its velocities: they are taken for those of straight-line fits over
+    /// [`AFTER_SIDE`] on either side that share the center, 6/T² times its covariance and independent of it. `None` where a velocity or
+    /// the center's covariance is unknown.
+    pub fn told(contact: &event::Contact, radius: f64, spin_sd: f64) -> Option<Self> {
+        let of_center = Mat3::from_fn(|i, j| contact.covariance[i][j]);
+        let mut covariance = SMatrix::<f64, 9, 9>::zeros();
+        for (block, scale) in [1.0, 6.0 / (AFTER_SIDE * AFTER_SIDE), 6.0 / (AFTER_SIDE * AFTER_SIDE)].into_iter().enumerate() {
+            covariance.fixed_view_mut::<3, 3>(3 * block, 3 * block).copy_from(&(of_center * scale));
+        }
+        let contact = Contact {
+            time: 0.0,
+            center: contact.center.into(),
+            before: contact.velocity_before?.into(),
+            after: contact.velocity_after?.into(),
+            gravity: Vec3::zeros(),
+            covariance,
+            time_sd: 0.0,
+            chi2: 0.0,
+            log_evidence: 0.0,
+            counts: [0, 0],
+        };
+        Self::new(&contact, radius, spin_sd)
     }
 
     fn sd(&self, center: &Vec3, before: &Vec3, after: &Vec3, extra: f64) -> f64 {

@@ -9,7 +9,7 @@ use crate::scene::plane::{Patch, Plane, Up};
 use heapless::Vec;
 
 /// Contacts that are remembered; the oldest goes first.
-const PATCHES: usize = 64;
+pub const PATCHES: usize = 64;
 /// Surfaces of a stream.
 const SURFACES: usize = 32;
 /// χ² beyond which a contact is not on a plane (three observations).
@@ -196,6 +196,16 @@ impl Surfaces {
                 }
             }
         }
+    }
+
+    /// The patches on surface `id`, by their place among the last [`PATCHES`] that were added.
+    pub fn members(&self, id: u32) -> impl Iterator<Item = usize> + '_ {
+        self.patches.iter().enumerate().filter(move |(_, p)| p.1 == Some(id)).map(|(i, _)| i)
+    }
+
+    /// Restitution of the ball on the found surface `id`.
+    pub fn restitution(&self, id: u32) -> Option<f64> {
+        self.found.iter().find(|f| f.id == id).map(|f| f.plane.restitution)
     }
 
     /// Hands out every surface as it is now: known ones, found ones, and those that merged since they were handed out last.

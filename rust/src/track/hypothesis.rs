@@ -123,8 +123,3 @@ pub fn best_contact(samples: &[Sample], since: f64, at: f64, previous: Option<f6
         })
         .min_by(|a, b| score(a).total_cmp(&score(b)))
 }
-
-/// Of a sample's position, m².
-pub fn covariance(sample: &Sample) -> Mat3 {
-    sample.weight.try_inverse().unwrap_or_else(|| Mat3::from_diagonal_element(f64::INFINITY))
-}

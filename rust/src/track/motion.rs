@@ -8,8 +8,8 @@ use crate::physics::inconsistency::{Inconsistency, WhitenedTest};
 use crate::physics::law::FreeFall;
 use crate::physics::{Sample, between};
 use crate::track::hypothesis::{
-    AFTER_CONTACT, AFTER_SIDE, BEFORE_SIDE, CHAIN, LONGEST_BRIDGE, SWING, Surroundings, admissible, best_contact, covariance, free_flight,
-    limit, plausible, supported,
+    AFTER_CONTACT, AFTER_SIDE, BEFORE_SIDE, CHAIN, LONGEST_BRIDGE, SWING, Surroundings, admissible, best_contact, free_flight, limit,
+    plausible, supported,
 };
 use crate::track::window::Window;
 use heapless::Vec;
@@ -98,7 +98,7 @@ impl Motion {
         let alarm = match (self.phase, self.predict(around, sample.t)) {
             (Phase::Flying | Phase::Supported, Some(prediction)) => {
                 let swing = Mat3::from_diagonal_element(self.swing(sample.t) * self.swing(sample.t));
-                self.test.test(&prediction, &sample.position, &(covariance(&sample) + swing))
+                self.test.test(&prediction, &sample.position, &(sample.covariance() + swing))
             }
             _ => None,
         };
@@ -155,7 +155,7 @@ impl Motion {
     fn survives(&self, sample: &Sample, around: &Surroundings) -> bool {
         self.phase == Phase::Flying
             && self.predict(around, sample.t).is_some_and(|p| {
-                sqrt(p.covariance.trace()) < 0.05 && WhitenedTest::distance2(&p, &sample.position, &covariance(sample)) < 20.0
+                sqrt(p.covariance.trace()) < 0.05 && WhitenedTest::distance2(&p, &sample.position, &sample.covariance()) < 20.0
             })
     }
 
@@ -172,7 +172,7 @@ impl Motion {
     fn explain(&mut self, window: &mut Window, at: f64, around: &Surroundings, findings: &mut Findings) {
         let after = between(window.samples(), at, f64::INFINITY);
         let (Some(first), Some(last), count) = (after.first().copied(), after.last().copied(), after.len()) else { return };
-        let back = |p: Prediction| WhitenedTest::distance2(&p, &last.position, &covariance(&last)) < 12.0;
+        let back = |p: Prediction| WhitenedTest::distance2(&p, &last.position, &last.covariance()) < 12.0;
         if count == 2 && self.predict(around, last.t).is_some_and(back) {
             window.remove(first.t);
             self.phase = Phase::Flying;

@@ -64,11 +64,7 @@ impl Noise {
         if samples.len() < 8 {
             return;
         }
-        let (mut squares, mut state) = (0.0, flight.state);
-        for sample in samples.iter().rev() {
-            state = state.at(sample.t, law, &flight.gravity);
-            squares += (sample.position - state.position).norm_squared();
-        }
+        let squares: f64 = flight.residuals(law, samples).map(|residual| residual.norm_squared()).sum();
         let variance = squares / (flight.dof() * samples.len() as f64 / flight.count as f64);
         if self.flights.push(variance).is_err() {
             self.flights[self.oldest] = variance;
