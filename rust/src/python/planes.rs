@@ -34,7 +34,7 @@ pub fn fit_planes(contacts: &Bound<'_, PyAny>, radius: Option<f64>, gravity: &Bo
     if patches.len() > PATCHES {
         return Err(PyValueError::new_err(format!("at most {PATCHES} contacts at a time, got {}", patches.len())));
     }
-    let mut surfaces = Box::new(Surfaces::new(&crate::config::EnvironmentConfig::default()));
+    let mut surfaces = Box::new(Surfaces::new(&crate::config::EnvironmentConfig::default(), false));
     for patch in patches {
         surfaces.add(patch, &up);
     }

