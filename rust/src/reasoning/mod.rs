@@ -265,8 +265,12 @@ impl Reasoning {
         };
         if let Some(reason) = reason {
             self.end(id, reason, sink);
-        } else if let Some(track) = self.track_mut(id).filter(|_| sign) {
-            track.sign = now;
+        } else if let Some(track) = self.track_mut(id).filter(|t| t.last < now) {
+            if sign {
+                track.sign = now;
+            } else {
+                track.missing.get_or_insert(now);
+            }
         }
     }
 

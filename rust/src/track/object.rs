@@ -23,6 +23,9 @@ pub enum Watch {
     Paper(PaperMotion),
 }
 
+/// An object that frame after frame did not show for so long, s, was not hidden by lost frames: it is not found again elsewhere.
+const MISSED: f64 = 0.07;
+
 /// A tracked object.
 #[derive(Clone, Debug)]
 pub struct Track {
@@ -38,6 +41,8 @@ pub struct Track {
     pub last: f64,
     /// Newest sign of it, a measurement or a blob where it should be, s.
     pub sign: f64,
+    /// First of the frames since then that should have shown it and didn't, s.
+    pub missing: Option<f64>,
     /// Id of its newest contact.
     pub contact: u32,
     window: Window,
@@ -52,7 +57,7 @@ impl Track {
             Method::Paper => Watch::Paper(PaperMotion::new(0.0, theta)),
         };
         let (label, epoch_ns, radius) = (first.label, first.time_ns, first.radius);
-        Self { id, label, epoch_ns, radius, last: 0.0, sign: 0.0, contact: 0, window: Window::default(), watch }
+        Self { id, label, epoch_ns, radius, last: 0.0, sign: 0.0, missing: None, contact: 0, window: Window::default(), watch }
     }
 
     /// Seconds since the track's time zero.
@@ -73,7 +78,7 @@ impl Track {
     /// Takes in a measurement. Where it comes without covariance, `noise` learns from it and tells how good it is.
     pub fn push(&mut self, measured: &Measurement, noise: &mut Noise, around: &Surroundings, findings: &mut Findings) {
         let t = self.seconds(measured.time_ns);
-        (self.last, self.sign) = (t, t);
+        (self.last, self.sign, self.missing) = (t, t, None);
         let weight = measured.covariance.and_then(Mat3::try_inverse);
         let known = weight.unwrap_or_else(|| Mat3::from_diagonal_element(1.0 / (noise.sd() * noise.sd())));
         if weight.is_none() {
@@ -133,6 +138,9 @@ impl Track {
     /// Whether an object that touches something on its way may be at `center` at time `t` (s).
     pub fn reaches(&self, center: &Vec3, t: f64) -> bool {
         let Some(last) = self.samples().last() else { return false };
+        if self.missing.is_some_and(|since| t - since > MISSED) {
+            return false;
+        }
         // The last step may have been a bounce, there and back: the fastest of a few counts.
         let speeds = self.samples().windows(2).rev().take(4).map(|w| (w[1].position - w[0].position).norm() / (w[1].t - w[0].t));
         let speed = speeds.fold(1.0, f64::max);
