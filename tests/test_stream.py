@@ -69,7 +69,7 @@ def test_lists_are_instants_and_nan_is_not_seen() -> None:
         ([(0, [[1]])], TypeError, "depth must be"),
         ([(0, np.zeros((480, 640)))], TypeError, "float64"),
         ([(0, np.zeros(640, np.uint16))], TypeError, "depth must be"),
-        ([(0, np.zeros((240, 320), np.uint16))], physinc.ConfigError, "tell fx"),
+        ([(0, np.zeros((240, 320), np.uint16))], physinc.ConfigError, r"camera\.fx: expected fx, fy, cx and cy"),
         ([(0, np.zeros((480, 640), np.uint16)), (1, np.zeros((640, 480), np.uint16))], ValueError, "the camera is"),
         ([(0, np.zeros((480, 640), np.uint16)), (1, np.zeros((480, 640), np.float32))], ValueError, "integer samples"),
         ([(0, np.zeros((480, 640), np.uint16)), physinc.Position(1, [0, 0, 0])], ValueError, "mixed"),
@@ -79,7 +79,7 @@ def test_lists_are_instants_and_nan_is_not_seen() -> None:
         ([[physinc.Position(0, [0, 0, 0])] * 17], ValueError, "at most 16"),
         ([[physinc.Position(0, [0, 0, 0]), physinc.Position(1, [0, 0, 0])]], ValueError, "same timestamp_ns"),
         ([], physinc.RecordingError, "empty"),
-        ([(0, np.zeros((0, 0), np.uint16))], physinc.ConfigError, "tell fx"),
+        ([(0, np.zeros((0, 0), np.uint16))], physinc.ConfigError, r"camera\.width = 0"),
     ],
 )
 def test_items_that_are_no_input_are_refused(items: Any, error: type[Exception], message: str) -> None:

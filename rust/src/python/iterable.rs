@@ -1,6 +1,6 @@
 //! A Python iterable of frames or positions as a source. It is pulled on the caller's thread, and what it raises reaches the caller.
 
-use super::error::{RecordingError, in_config};
+use super::error::RecordingError;
 use super::event::Position;
 use crate::config::{CameraConfig, Config};
 use crate::event::EndReason;
@@ -117,13 +117,8 @@ impl Iterable {
 
     /// The camera in force, of the first frame's size where nothing else is said.
     fn camera(&self, shape: &[usize]) -> PyResult<Camera> {
-        let keys = &self.config.camera;
         let size = CameraConfig { height: Some(shape[0] as u32), width: Some(shape[1] as u32), ..CameraConfig::default() };
-        let keys = keys.or(&size);
-        let like_a_kinect = (keys.width, keys.height) == (Some(640), Some(480));
-        if !like_a_kinect && [keys.fx, keys.fy, keys.cx, keys.cy].contains(&None) {
-            return Err(in_config(format!("depth is {shape:?}, not a Kinect's [480, 640]: tell fx, fy, cx and cy by camera=")));
-        }
+        let keys = self.config.camera.or(&size);
         Ok(Camera::from_config(&keys, DepthCode::Depth { units_per_metre: 1000.0 })?)
     }
 }
