@@ -124,7 +124,8 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// The camera of `keys`, with the Kinect v1's values where a key is left out, and samples that are `code` unless the keys say otherwise.
+    /// The camera of `keys`, with the Kinect v1's values where a key is left out. Samples are disparity where the source says so by `code`,
+    /// or the keys by `disparity = true`: then `disparity_law` holds, before the law of `code`. Else they are depth, and `depth_scale` holds.
     /// At another size than the Kinect's 640 × 480 its intrinsics would be wrong: they must be told then.
     ///
     /// # Errors
@@ -145,11 +146,11 @@ impl Camera {
                 return Err(ConfigError { key, value, expected: "a principal point at most one image outside of the image, px" });
             }
         }
-        let law = keys.disparity_law.unwrap_or(KINECT_DISPARITY_LAW);
-        let code = match (keys.disparity, keys.depth_scale, code) {
-            (Some(true), ..) | (None, None, DepthCode::Disparity { .. }) => DepthCode::Disparity { law },
-            (_, Some(units_per_metre), _) => DepthCode::Depth { units_per_metre },
-            (_, None, code) => code,
+        let disparity = |law| DepthCode::Disparity { law: keys.disparity_law.unwrap_or(law) };
+        let code = match code {
+            DepthCode::Disparity { law } => disparity(law),
+            DepthCode::Depth { .. } if keys.disparity == Some(true) => disparity(KINECT_DISPARITY_LAW),
+            DepthCode::Depth { units_per_metre } => DepthCode::Depth { units_per_metre: keys.depth_scale.unwrap_or(units_per_metre) },
         };
         Ok(Self {
             width: width as usize,
@@ -190,6 +191,28 @@ mod tests {
         }
         assert_eq!(code.depth(1090), None);
         assert_eq!(code.depth(2047), None);
+    }
+
+    #[test]
+    fn disparity_is_what_the_source_or_the_keys_say() {
+        let code = |disparity, depth_scale, law: Option<[f64; 2]>, code| {
+            let keys = CameraConfig { disparity, depth_scale, disparity_law: law, ..CameraConfig::default() };
+            Camera::from_config(&keys, code).unwrap().code
+        };
+        let (own, told) = ([3.0, -0.003], [4.0, -0.004]);
+        let (depth, raw) = (DepthCode::Depth { units_per_metre: 1000.0 }, DepthCode::Disparity { law: own });
+        for disparity in [None, Some(false), Some(true)] {
+            for scale in [None, Some(5000.0)] {
+                assert_eq!(code(disparity, scale, None, raw), raw);
+                assert_eq!(code(disparity, scale, Some(told), raw), DepthCode::Disparity { law: told });
+            }
+        }
+        assert_eq!(code(Some(true), Some(5000.0), None, depth), DepthCode::Disparity { law: KINECT_DISPARITY_LAW });
+        assert_eq!(code(Some(true), None, Some(told), depth), DepthCode::Disparity { law: told });
+        for disparity in [None, Some(false)] {
+            assert_eq!(code(disparity, None, Some(told), depth), depth);
+            assert_eq!(code(disparity, Some(5000.0), None, depth), DepthCode::Depth { units_per_metre: 5000.0 });
+        }
     }
 
     #[test]
