@@ -104,7 +104,7 @@ class Counters:
         """Frames (or instants of positions) delivered by the source."""
     @property
     def frames_dropped(self) -> int:
-        """Of these, not used: their stamp stood still or went back."""
+        """Of these, not used: their stamp stood still or went back, or they showed more pieces of foreground than can be told apart."""
     @property
     def frames_incomplete(self) -> int:
         """Of these, with samples missing."""
