@@ -78,7 +78,7 @@ def open_named(
     """Open a source by name, as the command line does: at most `frames` inputs, and `duration` seconds of them."""
     name = os.fspath(source)
     return open_source(
-        str(DEMO) if name == "demo" else name,
+        path_of(name),
         name=name,
         config=config,
         camera=camera,
@@ -88,6 +88,11 @@ def open_named(
         duration=duration,
         timeout=timeout,
     )
+
+
+def path_of(name: str) -> str:
+    """Return what the engine opens for the source `name`."""
+    return str(DEMO) if name == "demo" else name
 
 
 def _plain(mapping: Any) -> Any:

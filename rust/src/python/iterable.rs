@@ -1,6 +1,7 @@
 //! A Python iterable of frames or positions as a source. It is pulled on the caller's thread; what it raises ends the stream, then reaches
 //! the caller. Positions of equal stamps are one instant, so that the last one waits for the item after it.
 
+use super::array::timestamp_ns;
 use super::error::RecordingError;
 use super::event::Position;
 use crate::config::{CameraConfig, Config};
@@ -88,8 +89,8 @@ impl Iterable {
             let positions = list.iter().map(|item| item.cast_into().map_err(|_| unexpected(list))).collect::<PyResult<Vec<_>>>()?;
             return self.positions(&positions).map(Some);
         }
-        match item.cast::<PyTuple>().map(|pair| pair.extract()) {
-            Ok(Ok((timestamp_ns, depth))) => self.frame(timestamp_ns, &depth).map(Some),
+        match item.cast::<PyTuple>().map(|pair| pair.extract::<(Bound<'_, PyAny>, Bound<'_, PyAny>)>()) {
+            Ok(Ok((stamp, depth))) => self.frame(timestamp_ns(&stamp)?, &depth).map(Some),
             _ => Err(unexpected(&item)),
         }
     }
