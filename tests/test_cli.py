@@ -60,6 +60,13 @@ def test_people_are_told_of_bounces_surfaces_and_counters() -> None:
     assert "µs a frame" in done.stdout.splitlines()[-1]
 
 
+def test_positions_have_gravity_but_no_camera(csv: Path) -> None:
+    told = physinc("run", csv).stdout.splitlines()
+    assert any(line.startswith("gravity 9.") for line in told)
+    assert not any("roll" in line or "pitch" in line for line in told)
+    assert any(line.startswith("camera: roll ") for line in physinc("run", "demo").stdout.splitlines())
+
+
 def test_stdin_is_read(csv: Path) -> None:
     piped = events(physinc("run", "-", "--json", stdin=csv.read_text()).stdout)
     named = events(physinc("run", csv, "--json").stdout)
