@@ -42,6 +42,7 @@ def test_every_event_is_the_same_in_each_form(events: list[Any]) -> None:
         assert fields["event"] == event.event
         assert list(fields)[4:] == list(type(event).__match_args__)
         assert pickle.loads(pickle.dumps(event)) == event == copy.copy(event)
+        assert {event: 1}[pickle.loads(pickle.dumps(event))] == 1
         for name in ("timestamp_ns", "track", "final", *type(event).__match_args__):
             value = getattr(event, name)
             shown = fields[name]

@@ -10,6 +10,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
 use serde::Serialize;
 use std::format;
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::string::{String, ToString};
 use std::vec::Vec;
 
@@ -187,6 +188,13 @@ macro_rules! event_classes {
             fn __repr__(&self, py: Python<'_>) -> PyResult<String> { repr(stringify!($name), &self.to_dict(py)?) }
 
             fn __eq__(&self, other: &Self) -> PyResult<bool> { Ok(tree(&self.whole())? == tree(&other.whole())?) }
+
+            /// Equal events have equal ones.
+            fn __hash__(&self) -> u64 {
+                let mut hasher = DefaultHasher::new();
+                (stringify!($name), self.timestamp_ns, self.track, self.is_final).hash(&mut hasher);
+                hasher.finish()
+            }
 
             fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String,))> {
                 // TOML, because it has NaN and writes floats exactly.
