@@ -60,7 +60,7 @@ def test_lists_are_instants_and_nan_is_not_seen() -> None:
 
 
 def test_single_positions_of_equal_stamps_are_one_instant_as_in_a_list_and_in_a_csv(tmp_path: Path) -> None:
-    instants = [[physinc.Position(p.timestamp_ns, p.center + [i, 0, 0], track=i) for i in range(2)] for p in flight()]
+    instants = [[physinc.Position(p.timestamp_ns, p.center + np.array([i, 0, 0]), track=i) for i in range(2)] for p in flight()]
     singles = [position for instant in instants for position in instant]
     path = tmp_path / "two.csv"
     rows = (f"{p.timestamp_ns}e-9," + ",".join(map(repr, p.center.tolist())) + f",{p.track}" for p in singles)
@@ -116,8 +116,7 @@ def told_before(error: type[BaseException], stream: physinc.Stream) -> tuple[lis
     """What `stream` told before it raised `error`."""
     events: list[physinc.Event] = []
     with pytest.raises(error) as raised:
-        while True:
-            events.append(next(stream))
+        events.extend(stream)
     assert list(stream) == []
     return events, raised.value
 
