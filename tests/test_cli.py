@@ -60,6 +60,13 @@ def test_people_are_told_of_bounces_surfaces_and_counters() -> None:
     assert "µs a frame" in done.stdout.splitlines()[-1]
 
 
+def test_positions_have_gravity_but_no_camera(csv: Path) -> None:
+    told = physinc("run", csv).stdout.splitlines()
+    assert any(line.startswith("gravity 9.") for line in told)
+    assert not any("roll" in line or "pitch" in line for line in told)
+    assert any(line.startswith("camera: roll ") for line in physinc("run", "demo").stdout.splitlines())
+
+
 def test_stdin_is_read(csv: Path) -> None:
     piped = events(physinc("run", "-", "--json", stdin=csv.read_text()).stdout)
     named = events(physinc("run", csv, "--json").stdout)
@@ -72,6 +79,8 @@ def test_stdin_is_read(csv: Path) -> None:
     [
         (["run", "nowhere.npz"], 1, "no such file"),
         (["run", "/"], 1, "sources are"),
+        (["run", "nowhere.npz", "--dump-config"], 1, "no such file"),
+        (["run", "sim:nowhere", "--dump-config"], 1, "there is no scene"),
         (["run", "sim:nowhere"], 1, "there is no scene"),
         (["run", "demo", "--config", "nowhere.toml"], 2, "nowhere.toml"),
         (["run", "demo", "--camera", "nowhere.toml"], 2, "nowhere.toml"),
@@ -114,6 +123,13 @@ def test_the_configuration_in_force_is_printed_and_read_back(tmp_path: Path) -> 
     refused = physinc("run", "--dump-config", "--config", config)
     assert refused.returncode == 2
     assert "config.toml:2: object.radius = 0" in refused.stderr
+
+
+def test_the_configuration_of_a_source_is_that_of_its_camera() -> None:
+    printed = physinc("run", "demo", "--dump-config")
+    assert printed.returncode == 0
+    assert "width = 640" in printed.stdout
+    assert physinc("run", "-", "--dump-config").stdout == physinc("run", "--dump-config").stdout
 
 
 def test_help_names_every_command_and_option() -> None:

@@ -42,6 +42,7 @@ def test_every_event_is_the_same_in_each_form(events: list[Any]) -> None:
         assert fields["event"] == event.event
         assert list(fields)[4:] == list(type(event).__match_args__)
         assert pickle.loads(pickle.dumps(event)) == event == copy.copy(event)
+        assert {event: 1}[pickle.loads(pickle.dumps(event))] == 1
         for name in ("timestamp_ns", "track", "final", *type(event).__match_args__):
             value = getattr(event, name)
             shown = fields[name]
@@ -96,6 +97,21 @@ def test_a_position_is_input_and_event() -> None:
 def test_a_position_that_cannot_be_is_refused(center: Any, covariance: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         physinc.Position(0, center, covariance)
+
+
+@pytest.mark.parametrize(
+    ("stamp", "track", "error", "message"),
+    [
+        (0.5, None, TypeError, r"timestamp_ns = 0\.5: expected an integer, ns"),
+        (2**63, None, ValueError, r"timestamp_ns = 9223372036854775808: expected"),
+        (0, -1, ValueError, r"track = -1: expected an integer from 0"),
+        (0, 2**32, ValueError, r"track = 4294967296: expected an integer from 0"),
+        (0, "ball", TypeError, r"track = 'ball': expected an integer from 0"),
+    ],
+)
+def test_stamps_and_tracks_that_cannot_be_are_named(stamp: Any, track: Any, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        physinc.Position(stamp, [0, 0, 1], track=track)
 
 
 @given(st.lists(st.floats(), min_size=3, max_size=3), st.integers(-(2**63), 2**63 - 1))

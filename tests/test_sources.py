@@ -73,6 +73,16 @@ def test_npz_that_is_not_what_it_should_be(tmp_path: Path, change: dict[str, Any
         physinc.stream(path)
 
 
+def test_npz_of_another_size_never_gets_the_kinects_intrinsics(tmp_path: Path) -> None:
+    path = write(tmp_path / "small.npz", timestamps_ns=np.arange(2), depth_mm=np.zeros((2, 240, 320), np.uint16))
+    camera = tmp_path / "small.camera.toml"
+    camera.write_text("width = 320\nheight = 240\nfx = 288.0\nfy = 288.0\ncx = 160.0\n")
+    with pytest.raises(physinc.ConfigError, match=r"camera\.cy: expected"):
+        physinc.stream(path)
+    camera.write_text(camera.read_text() + "cy = 120.0\n")
+    assert isinstance(list(physinc.stream(path))[-1], physinc.StreamEnded)
+
+
 def test_a_header_that_claims_too_much_costs_no_memory(tmp_path: Path) -> None:
     header = "{'descr': '<u2', 'fortran_order': False, 'shape': (%s), }"
     for shape in ("1000000000, 480, 640", "18446744073709551615, 480, 640", f"{2**60}, 480, 640"):
@@ -125,7 +135,7 @@ def test_a_wrong_byte_anywhere_is_an_error_or_harmless(tmp_path: Path, place: fl
     content[int(place * len(content))] = byte
     path.write_bytes(content)
     with contextlib.suppress(physinc.RecordingError):
-        list(physinc.stream(path, camera={"width": 16, "height": 16, "cx": 8, "cy": 8}))
+        list(physinc.stream(path, camera={"width": 16, "height": 16, "fx": 16, "fy": 16, "cx": 8, "cy": 8}))
 
 
 @pytest.mark.parametrize(

@@ -59,27 +59,44 @@ def test_lists_are_instants_and_nan_is_not_seen() -> None:
     assert events[-1].counters.frames == 4
 
 
+def test_single_positions_of_equal_stamps_are_one_instant_as_in_a_list_and_in_a_csv(tmp_path: Path) -> None:
+    instants = [[physinc.Position(p.timestamp_ns, p.center + np.array([i, 0, 0]), track=i) for i in range(2)] for p in flight()]
+    singles = [position for instant in instants for position in instant]
+    path = tmp_path / "two.csv"
+    rows = (f"{p.timestamp_ns}e-9," + ",".join(map(repr, p.center.tolist())) + f",{p.track}" for p in singles)
+    path.write_text("t,x,y,z,track\n" + "\n".join(rows) + "\n")
+    one_by_one, in_lists, from_csv = (list(physinc.stream(source, positions=True))[1:] for source in (iter(singles), instants, path))
+    assert one_by_one == in_lists == from_csv
+    assert names(one_by_one).count("position") == len(singles)
+    end = one_by_one[-1]
+    assert isinstance(end, physinc.StreamEnded)
+    assert (end.counters.frames, end.counters.frames_dropped) == (len(instants), 0)
+
+
 @pytest.mark.parametrize(
     ("items", "error", "message"),
     [
         (5, TypeError, "is no source"),
         ([5], TypeError, "can't use"),
         ([(0, 1, 2)], TypeError, "can't use"),
-        ([("0", np.zeros((480, 640), np.uint16))], TypeError, "can't use"),
+        ([("0", np.zeros((480, 640), np.uint16))], TypeError, r"timestamp_ns = '0': expected an integer, ns"),
+        ([(0.5, np.zeros((480, 640), np.uint16))], TypeError, r"timestamp_ns = 0\.5: expected an integer, ns"),
+        ([(2**63, np.zeros((480, 640), np.uint16))], ValueError, r"timestamp_ns = 9223372036854775808: .* to 2\^63 - 1"),
         ([(0, [[1]])], TypeError, "depth must be"),
         ([(0, np.zeros((480, 640)))], TypeError, "float64"),
         ([(0, np.zeros(640, np.uint16))], TypeError, "depth must be"),
-        ([(0, np.zeros((240, 320), np.uint16))], physinc.ConfigError, "tell fx"),
+        ([(0, np.zeros((240, 320), np.uint16))], physinc.ConfigError, r"camera\.fx: expected fx, fy, cx and cy"),
         ([(0, np.zeros((480, 640), np.uint16)), (1, np.zeros((640, 480), np.uint16))], ValueError, "the camera is"),
         ([(0, np.zeros((480, 640), np.uint16)), (1, np.zeros((480, 640), np.float32))], ValueError, "integer samples"),
         ([(0, np.zeros((480, 640), np.uint16)), physinc.Position(1, [0, 0, 0])], ValueError, "mixed"),
         ([physinc.Position(0, [0, 0, 0]), (1, np.zeros((480, 640), np.uint16))], ValueError, "mixed"),
         ([[]], ValueError, "empty list"),
         ([[5]], TypeError, "can't use"),
-        ([[physinc.Position(0, [0, 0, 0])] * 17], ValueError, "at most 16"),
+        ([[physinc.Position(0, [0, 0, 0])] * 17], ValueError, "more than 16"),
+        ([physinc.Position(0, [0, 0, 0])] * 17, ValueError, "does timestamp_ns stand still"),
         ([[physinc.Position(0, [0, 0, 0]), physinc.Position(1, [0, 0, 0])]], ValueError, "same timestamp_ns"),
         ([], physinc.RecordingError, "empty"),
-        ([(0, np.zeros((0, 0), np.uint16))], physinc.ConfigError, "tell fx"),
+        ([(0, np.zeros((0, 0), np.uint16))], physinc.ConfigError, r"camera\.width = 0"),
     ],
 )
 def test_items_that_are_no_input_are_refused(items: Any, error: type[Exception], message: str) -> None:
@@ -95,19 +112,47 @@ def test_a_camera_of_another_size_is_told() -> None:
     assert (events[0].camera.width, events[0].camera.height) == (320, 240)
 
 
-def test_what_an_iterable_raises_passes_unchanged_and_closes() -> None:
+def told_before(error: type[BaseException], stream: physinc.Stream) -> tuple[list[physinc.Event], BaseException]:
+    """What `stream` told before it raised `error`."""
+    events: list[physinc.Event] = []
+    with pytest.raises(error) as raised:
+        events.extend(stream)
+    assert list(stream) == []
+    return events, raised.value
+
+
+def test_what_an_iterable_raises_passes_unchanged_after_the_end_is_told() -> None:
     failure = RuntimeError("the tracker is gone")
 
     def tracker() -> Iterator[physinc.Position]:
-        yield physinc.Position(0, [0, 0, 1])
+        yield from flight()
         raise failure
 
-    stream = physinc.stream(tracker())
-    assert isinstance(next(stream), physinc.StreamStarted)
-    with pytest.raises(RuntimeError) as raised:
-        list(stream)
-    assert raised.value is failure
-    assert list(stream) == []
+    events, raised = told_before(RuntimeError, physinc.stream(tracker()))
+    assert raised is failure
+    whole = list(physinc.stream(flight()))
+    assert events[:-1] == whole[:-1]
+    end, usual = events[-1], whole[-1]
+    assert isinstance(end, physinc.StreamEnded)
+    assert isinstance(usual, physinc.StreamEnded)
+    assert (end.reason, end.counters) == ("disconnected", usual.counters)
+
+
+def test_an_item_that_is_no_input_ends_the_stream_as_a_broken_csv_does() -> None:
+    events, _ = told_before(TypeError, physinc.stream([*flight(), "soon"]))  # type: ignore[list-item]
+    assert isinstance(events[-1], physinc.StreamEnded)
+    assert events[-1].reason == "disconnected"
+
+
+def test_what_an_iterable_raises_first_and_ctrl_c_pass_at_once() -> None:
+    def tracker(count: int, failure: BaseException) -> Iterator[physinc.Position]:
+        yield from list(flight())[:count]
+        raise failure
+
+    assert told_before(RuntimeError, physinc.stream(tracker(0, RuntimeError())))[0] == []
+    stream = physinc.stream(tracker(9, KeyboardInterrupt()))
+    with pytest.raises(KeyboardInterrupt):
+        assert "stream_ended" not in names(list(stream))
 
 
 def test_an_iterable_is_pulled_no_further_than_needed() -> None:
@@ -122,7 +167,7 @@ def test_an_iterable_is_pulled_no_further_than_needed() -> None:
     next(stream)
     stream.close()
     assert list(stream) == []
-    assert pulled == [0]
+    assert pulled == [0, 1]
 
 
 def test_a_stream_that_iterates_itself_says_so() -> None:

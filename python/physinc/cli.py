@@ -15,7 +15,7 @@ from ._physinc import dump_config as configuration_in_force
 from ._physinc import simulate as simulate_scene
 from .errors import ConfigError, DeviceNotFoundError, PhysincError
 from .narration import Narration
-from .streaming import open_named
+from .streaming import open_named, path_of
 
 app = App(
     name="physinc",
@@ -81,13 +81,12 @@ def run(
     reconnect
         Live devices may be away for so many seconds; recordings don't go away.
     dump_config
-        Print the configuration in force, and exit.
+        Print the configuration in force (for SOURCE, if it is given), and exit.
 
     """
     del every_frame, reconnect
     if dump_config:
-        recording = source if source is not None and Path(source).is_file() else None
-        sys.stdout.write(configuration_in_force(recording, config, camera))
+        sys.stdout.write(configuration_in_force(None if source is None else path_of(source), config, camera))
         return 0
     source = source or "kinect"
     # Whoever types into a pipe, or throws the next ball, may take his time.

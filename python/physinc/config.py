@@ -29,9 +29,9 @@ class CameraConfig:
     cy: float | None = None
     """Principal point, row, px (239.5)."""
     depth_scale: float | None = None
-    """Units a metre of a depth image."""
+    """Units a metre of a depth image; of disparity it says nothing."""
     disparity: bool | None = None
-    """Samples are raw disparity."""
+    """Samples are raw disparity, also where the source takes them for depth; what it knows to be disparity stays so."""
     disparity_law: Sequence[float] | None = None
     """`[c0, c1]` of 1/z = c0 + c1 · raw, in 1/m."""
     max_depth: float | None = None

@@ -1,4 +1,4 @@
-"""Any event."""
+"""Any event. Events are equal if all they say is equal, and can be kept in sets and as keys."""
 
 from typing import TypeAlias
 

@@ -26,6 +26,7 @@ class Narration:
     def __init__(self, console: Console | None = None) -> None:
         self.console = console or Plain(highlight=False, soft_wrap=True)
         self.start_ns = 0
+        self.camera: p.CameraModel | None = None
         self.surfaces: dict[int, p.Surface] = {}
         self.restitutions: list[tuple[int, float]] = []
         self.orientation: p.CameraOrientation | None = None
@@ -37,6 +38,7 @@ class Narration:
         match event:
             case p.StreamStarted():
                 self.start_ns = event.timestamp_ns
+                self.camera = event.camera
                 self.console.print(f"[dim]{event.source}[/]")
             case p.Position():
                 self._line(event.timestamp_ns, f"[dim]ball {event.track} at {_point(event.center, event.covariance)}[/]")
@@ -65,8 +67,9 @@ class Narration:
         if self.orientation is not None:
             roll, pitch = math.degrees(self.orientation.roll), math.degrees(self.orientation.pitch)
             size = float(np.linalg.norm(self.orientation.gravity_in_camera))
-            flights = self.orientation.flights
-            self.console.print(f"camera: roll {roll:.2f}°, pitch {pitch:.2f}°; gravity {size:.3f} m/s², of {flights} flights")
+            # Positions come in the world: there is no camera to be turned.
+            camera = "" if self.camera is None else f"camera: roll {roll:.2f}°, pitch {pitch:.2f}°; "
+            self.console.print(f"{camera}gravity {size:.3f} m/s², of {_count(self.orientation.flights, 'flight')}")
         if self.ended is not None:
             counters = self.ended.counters
             rate = f", {busy / counters.frames * 1e6:.0f} µs a frame" if counters.frames else ""

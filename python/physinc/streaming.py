@@ -17,7 +17,9 @@ from .errors import ConfigError
 Depth: TypeAlias = NDArray[np.uint16] | NDArray[np.float32]
 """A depth image [H, W]: uint16 in mm, 0 where there is no reading, or float32 in m, NaN where there is none."""
 Item: TypeAlias = tuple[int, Depth] | Position | list[Position]
-"""What an iterable may yield: a frame and its stamp in ns, a position, or all positions of one instant."""
+"""What an iterable may yield: a frame and its stamp in ns, a position, or all positions of one instant.
+
+Positions that follow each other with equal stamps are one instant, too."""
 Source: TypeAlias = str | os.PathLike[str] | Iterable[Item]
 """What may be streamed."""
 
@@ -48,7 +50,8 @@ def stream(
     After `timeout` seconds without input `StreamTimeoutError` is raised (`None`: wait as long as it takes); iterables are waited for.
     `reconnect` concerns live devices only; recordings end.
 
-    Raises `PhysincError`s that say what happened and what mends it; what an iterable raises passes unchanged.
+    Raises `PhysincError`s that say what happened and what mends it; what an iterable raises passes unchanged,
+    after `stream_ended` (reason `disconnected`) if the stream had begun.
     """
     del reconnect
     if frames:
@@ -75,7 +78,7 @@ def open_named(
     """Open a source by name, as the command line does: at most `frames` inputs, and `duration` seconds of them."""
     name = os.fspath(source)
     return open_source(
-        str(DEMO) if name == "demo" else name,
+        path_of(name),
         name=name,
         config=config,
         camera=camera,
@@ -85,6 +88,11 @@ def open_named(
         duration=duration,
         timeout=timeout,
     )
+
+
+def path_of(name: str) -> str:
+    """Return what the engine opens for the source `name`."""
+    return str(DEMO) if name == "demo" else name
 
 
 def _plain(mapping: Any) -> Any:

@@ -55,9 +55,9 @@ section! {
         cx: Option<f64> = None,
         /// Principal point, row, px (239.5).
         cy: Option<f64> = None,
-        /// Units a metre of a depth image.
+        /// Units a metre of a depth image; of disparity it says nothing.
         depth_scale: Option<f64> = None,
-        /// Samples are raw disparity.
+        /// Samples are raw disparity, also where the source takes them for depth; what it knows to be disparity stays so.
         disparity: Option<bool> = None,
         /// `[c0, c1]` of 1/z = c0 + c1 · raw, in 1/m.
         disparity_law: Option<[f64; 2]> = None,

@@ -101,11 +101,12 @@ impl<'b> Engine<'b> {
         self.reasoning.finish(sink);
     }
 
-    /// Frames (or instants) taken in, of these dropped, and positions for which there was no track left.
+    /// Frames (or instants) taken in, of these dropped (stamps that are not later, frames too cluttered to be used), and positions for
+    /// which there was no track left.
     pub fn counters(&self) -> Counters {
         Counters {
             frames: self.inputs,
-            frames_dropped: self.timeline.dropped,
+            frames_dropped: self.timeline.dropped + self.seeing.as_ref().map_or(0, Seeing::cluttered),
             events_dropped: self.reasoning.homeless(),
             ..Counters::default()
         }

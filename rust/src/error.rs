@@ -17,6 +17,8 @@ impl fmt::Display for ConfigError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.value.is_nan() {
             write!(f, "{}: expected {}", self.key, self.expected)
+        } else if self.value != 0.0 && !(1e-6..1e9).contains(&self.value.abs()) {
+            write!(f, "{} = {:e}: expected {}", self.key, self.value, self.expected)
         } else {
             write!(f, "{} = {}: expected {}", self.key, self.value, self.expected)
         }
@@ -24,3 +26,20 @@ impl fmt::Display for ConfigError {
 }
 
 impl core::error::Error for ConfigError {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::string::ToString;
+
+    #[test]
+    fn values_are_shown_in_few_digits() {
+        let shown = |value| ConfigError { key: "camera.cx", value, expected: "a column" }.to_string();
+        assert_eq!(shown(1e300), "camera.cx = 1e300: expected a column");
+        assert_eq!(shown(-1e-300), "camera.cx = -1e-300: expected a column");
+        assert_eq!(shown(f64::INFINITY), "camera.cx = inf: expected a column");
+        assert_eq!(shown(-20.5), "camera.cx = -20.5: expected a column");
+        assert_eq!(shown(0.0), "camera.cx = 0: expected a column");
+        assert_eq!(shown(f64::NAN), "camera.cx: expected a column");
+    }
+}

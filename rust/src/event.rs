@@ -243,7 +243,7 @@ pub enum EndReason {
 pub struct Counters {
     /// Frames (or instants of positions) delivered by the source.
     pub frames: u64,
-    /// Of these, not used: their stamp stood still or went back.
+    /// Of these, not used: their stamp stood still or went back, or they showed more pieces of foreground than can be told apart.
     pub frames_dropped: u64,
     /// Of these, with samples missing.
     pub frames_incomplete: u64,

@@ -1,7 +1,8 @@
 //! Whatever the image, what is seen makes sense.
 
-use physinc::config::{CameraConfig, ObjectConfig, Radii};
+use physinc::config::{CameraConfig, Config, ObjectConfig, Radii, TrackingConfig};
 use physinc::detect::Detection;
+use physinc::engine::Engine;
 use physinc::geometry::camera::{Camera, DepthCode, KINECT_DISPARITY_LAW};
 use physinc::seeing::{Buffers, Image, SeeError, Seeing};
 use proptest::prelude::*;
@@ -87,6 +88,26 @@ fn what_is_no_image_of_the_camera_is_an_error() {
     assert_eq!(seeing.see(Image::U16(&image), &mut detections), Ok(()));
     assert_eq!(seeing.see(Image::F32(&vec![0.0; 4800]), &mut detections), Err(SeeError::Kind));
     assert!(Seeing::new(&camera, &ObjectConfig::default(), 0, Buffers::owned(79, 60)).is_err());
+}
+
+#[test]
+fn frames_too_cluttered_to_be_used_are_counted_as_dropped() {
+    let camera = camera(true, 10.0);
+    let config = Config { tracking: TrackingConfig { background_frames: 0, ..TrackingConfig::default() }, ..Config::default() };
+    let mut engine = Engine::new(&config, Some(&camera)).unwrap();
+    let mut random = 1_u32;
+    let mut noise = || {
+        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        400 + (random >> 16) as u16 % 600
+    };
+    let (calm, noisy) = (vec![700; 4800], (0..4800).map(|_| noise()).collect::<Vec<_>>());
+    for (frame, image) in [&calm, &noisy, &noisy, &calm].into_iter().enumerate() {
+        engine.frame(frame as i64, Image::U16(image), &mut |_| ()).unwrap();
+    }
+    engine.frame(3, Image::U16(&noisy), &mut |_| ()).unwrap();
+    let counters = engine.counters();
+    // Two by their clutter, one by its stamp.
+    assert_eq!((counters.frames, counters.frames_dropped, counters.frames_incomplete), (5, 3, 0));
 }
 
 #[test]

@@ -31,7 +31,7 @@ fn core_works() -> bool {
 fn sees_a_ball() -> Option<bool> {
     let config = black_box(Config::default());
     let (width, height) = (Some(WIDTH as u32), Some(HEIGHT as u32));
-    let keys = CameraConfig { width, height, cx: Some(31.5), cy: Some(23.5), ..CameraConfig::default() };
+    let keys = CameraConfig { width, height, fx: Some(575.8), fy: Some(575.8), cx: Some(31.5), cy: Some(23.5), ..CameraConfig::default() };
     let camera = Camera::from_config(&keys, DepthCode::Depth { units_per_metre: 1000.0 }).ok()?;
     let (mut limits, mut farthest, mut depths) = ([0; SIZES.pixels], [0; SIZES.pixels], [0.0; SIZES.depths]);
     let (mut runs, mut scores) = ([Default::default(); SIZES.runs], [Default::default(); SIZES.scores]);

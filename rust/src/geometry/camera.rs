@@ -124,25 +124,41 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// The camera of `keys`, with the Kinect v1's values where a key is left out, and samples that are `code` unless the keys say otherwise.
+    /// The camera of `keys`, with the Kinect v1's values where a key is left out. Samples are disparity where the source says so by `code`,
+    /// or the keys by `disparity = true`: then `disparity_law` holds, before the law of `code`. Else they are depth, and `depth_scale` holds.
+    /// At another size than the Kinect's 640 × 480 its intrinsics would be wrong: they must be told then.
     ///
     /// # Errors
-    /// A key whose value can't be.
+    /// A key whose value can't be, or that is missing.
     pub fn from_config(keys: &CameraConfig, code: DepthCode) -> Result<Self, ConfigError> {
         keys.validate()?;
-        let law = keys.disparity_law.unwrap_or(KINECT_DISPARITY_LAW);
-        let code = match (keys.disparity, keys.depth_scale, code) {
-            (Some(true), ..) | (None, None, DepthCode::Disparity { .. }) => DepthCode::Disparity { law },
-            (_, Some(units_per_metre), _) => DepthCode::Depth { units_per_metre },
-            (_, None, code) => code,
+        let (width, height) = (keys.width.unwrap_or(640), keys.height.unwrap_or(480));
+        let intrinsics = [("camera.fx", keys.fx), ("camera.fy", keys.fy), ("camera.cx", keys.cx), ("camera.cy", keys.cy)];
+        let missing = intrinsics.into_iter().find(|(_, value)| value.is_none());
+        if let Some((key, _)) = missing.filter(|_| (width, height) != (640, 480)) {
+            let expected = "fx, fy, cx and cy, the intrinsics of a camera that is not 640 × 480";
+            return Err(ConfigError { key, value: f64::NAN, expected });
+        }
+        let (cx, cy) = (keys.cx.unwrap_or(319.5), keys.cy.unwrap_or(239.5));
+        for (key, value, size) in [("camera.cx", cx, width), ("camera.cy", cy, height)] {
+            let size = f64::from(size);
+            if !(-size..=2.0 * size).contains(&value) {
+                return Err(ConfigError { key, value, expected: "a principal point at most one image outside of the image, px" });
+            }
+        }
+        let disparity = |law| DepthCode::Disparity { law: keys.disparity_law.unwrap_or(law) };
+        let code = match code {
+            DepthCode::Disparity { law } => disparity(law),
+            DepthCode::Depth { .. } if keys.disparity == Some(true) => disparity(KINECT_DISPARITY_LAW),
+            DepthCode::Depth { units_per_metre } => DepthCode::Depth { units_per_metre: keys.depth_scale.unwrap_or(units_per_metre) },
         };
         Ok(Self {
-            width: keys.width.unwrap_or(640) as usize,
-            height: keys.height.unwrap_or(480) as usize,
+            width: width as usize,
+            height: height as usize,
             fx: keys.fx.unwrap_or(575.8),
             fy: keys.fy.unwrap_or(575.8),
-            cx: keys.cx.unwrap_or(319.5),
-            cy: keys.cy.unwrap_or(239.5),
+            cx,
+            cy,
             code,
             max_depth: keys.max_depth.unwrap_or(10.0),
             readout: keys.readout.unwrap_or(0.0),
@@ -175,5 +191,41 @@ mod tests {
         }
         assert_eq!(code.depth(1090), None);
         assert_eq!(code.depth(2047), None);
+    }
+
+    #[test]
+    fn disparity_is_what_the_source_or_the_keys_say() {
+        let code = |disparity, depth_scale, law: Option<[f64; 2]>, code| {
+            let keys = CameraConfig { disparity, depth_scale, disparity_law: law, ..CameraConfig::default() };
+            Camera::from_config(&keys, code).unwrap().code
+        };
+        let (own, told) = ([3.0, -0.003], [4.0, -0.004]);
+        let (depth, raw) = (DepthCode::Depth { units_per_metre: 1000.0 }, DepthCode::Disparity { law: own });
+        for disparity in [None, Some(false), Some(true)] {
+            for scale in [None, Some(5000.0)] {
+                assert_eq!(code(disparity, scale, None, raw), raw);
+                assert_eq!(code(disparity, scale, Some(told), raw), DepthCode::Disparity { law: told });
+            }
+        }
+        assert_eq!(code(Some(true), Some(5000.0), None, depth), DepthCode::Disparity { law: KINECT_DISPARITY_LAW });
+        assert_eq!(code(Some(true), None, Some(told), depth), DepthCode::Disparity { law: told });
+        for disparity in [None, Some(false)] {
+            assert_eq!(code(disparity, None, Some(told), depth), depth);
+            assert_eq!(code(disparity, Some(5000.0), None, depth), DepthCode::Depth { units_per_metre: 5000.0 });
+        }
+    }
+
+    #[test]
+    fn only_at_its_own_size_is_a_camera_a_kinect() {
+        let wrong = |keys: &CameraConfig| Camera::from_config(keys, DepthCode::Depth { units_per_metre: 1000.0 }).err().map(|e| e.key);
+        let small = CameraConfig { width: Some(320), height: Some(240), fx: Some(288.0), fy: Some(288.0), ..CameraConfig::default() };
+        let whole = CameraConfig { cx: Some(160.0), cy: Some(120.0), ..small.clone() };
+        assert_eq!(wrong(&CameraConfig::default()), None);
+        assert_eq!(wrong(&CameraConfig { width: Some(320), ..CameraConfig::default() }), Some("camera.fx"));
+        assert_eq!(wrong(&small), Some("camera.cx"));
+        assert_eq!(wrong(&whole), None);
+        assert_eq!(wrong(&CameraConfig { cx: Some(-320.0), cy: Some(480.0), ..whole.clone() }), None);
+        assert_eq!(wrong(&CameraConfig { cx: Some(640.5), ..whole.clone() }), Some("camera.cx"));
+        assert_eq!(wrong(&CameraConfig { cy: Some(-240.5), ..whole }), Some("camera.cy"));
     }
 }

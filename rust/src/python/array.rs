@@ -1,8 +1,8 @@
-//! numpy arrays to vectors and matrices, checked; and back.
+//! Numbers and numpy arrays from Python, checked; and back.
 
 use crate::math::{Mat3, Vec3};
 use numpy::{AllowTypeChange, PyArray1, PyArray2, PyArrayLike1, PyArrayLike2, PyArrayMethods};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyOverflowError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use std::format;
 use std::string::ToString;
@@ -36,6 +36,19 @@ pub fn points(array: &Bound<'_, PyAny>, what: &str) -> PyResult<Vec<Vec3>> {
         return Err(PyValueError::new_err(format!("{what} must be finite, row {row} is not")));
     }
     Ok(numbers.rows().into_iter().map(|row| Vec3::new(row[0], row[1], row[2])).collect())
+}
+
+/// An integer that fits; `what` is it, of what is `expected`.
+pub fn integer<T: for<'a, 'py> FromPyObject<'a, 'py, Error = PyErr>>(value: &Bound<'_, PyAny>, what: &str, expected: &str) -> PyResult<T> {
+    value.extract().map_err(|error: PyErr| {
+        let message = format!("{what} = {}: expected {expected}", shown(value));
+        if error.is_instance_of::<PyOverflowError>(value.py()) { PyValueError::new_err(message) } else { PyTypeError::new_err(message) }
+    })
+}
+
+/// A stamp, ns.
+pub fn timestamp_ns(value: &Bound<'_, PyAny>) -> PyResult<i64> {
+    integer(value, "timestamp_ns", "an integer, ns, from -2^63 to 2^63 - 1")
 }
 
 /// A float64 array [N].

@@ -10,7 +10,7 @@ use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
 use serde::de::DeserializeOwned;
 use std::boxed::Box;
 use std::format;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
 use std::vec::Vec;
 
@@ -41,16 +41,24 @@ pub fn camera(from: Option<&Bound<'_, PyAny>>) -> PyResult<CameraSource> {
     }
 }
 
-/// The configuration in force for `source`, as TOML.
+/// The configuration in force for `source`, as TOML; a source that can't be opened is the error that opening it is.
 #[pyfunction]
 #[pyo3(signature = (source=None, config=None, camera=None))]
 pub fn dump_config(source: Option<&str>, config: Option<&Bound<'_, PyAny>>, camera: Option<&Bound<'_, PyAny>>) -> PyResult<String> {
     let mut config = self::config(config)?;
-    match self::camera(camera)? {
-        CameraSource::Keys(keys) => config.camera = keys.or(&camera_in_force(source, &config, None)?),
-        CameraSource::File(file) => config.camera = camera_in_force(source, &config, Some(&file))?,
-        CameraSource::Nowhere => config.camera = camera_in_force(source, &config, None)?,
+    let file = match self::camera(camera)? {
+        CameraSource::Keys(keys) => {
+            config.camera = keys.or(&config.camera);
+            None
+        }
+        CameraSource::File(file) => Some(file),
+        CameraSource::Nowhere => None,
+    };
+    if let Some(source) = source {
+        crate::source::open(source, &config, file.as_deref())?;
     }
+    let recording = source.filter(|source| Path::new(source).is_file());
+    config.camera = camera_in_force(recording, &config, file.as_deref())?;
     config.validate()?;
     config_file::to_toml(&config).map_err(|error| in_config(error.to_string()))
 }

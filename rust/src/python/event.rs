@@ -1,6 +1,6 @@
 //! Events as frozen Python classes.
 
-use super::array::{array1, array2, matrix, vector};
+use super::array::{self, array1, array2, matrix, vector};
 use super::error::PhysincError;
 use crate::event::{self, Event, Kind};
 use crate::math::rows;
@@ -10,6 +10,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
 use serde::Serialize;
 use std::format;
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::string::{String, ToString};
 use std::vec::Vec;
 
@@ -188,6 +189,13 @@ macro_rules! event_classes {
 
             fn __eq__(&self, other: &Self) -> PyResult<bool> { Ok(tree(&self.whole())? == tree(&other.whole())?) }
 
+            /// Equal events have equal ones.
+            fn __hash__(&self) -> u64 {
+                let mut hasher = DefaultHasher::new();
+                (stringify!($name), self.timestamp_ns, self.track, self.is_final).hash(&mut hasher);
+                hasher.finish()
+            }
+
             fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String,))> {
                 // TOML, because it has NaN and writes floats exactly.
                 let text = toml::to_string(&self.whole()).map_err(mistake)?;
@@ -212,7 +220,14 @@ event_classes! {
         /// Where an object was, world frame, m and m²: input for a stream. A center with NaN says that it wasn't seen at that instant.
         #[new]
         #[pyo3(signature = (timestamp_ns, center, covariance=None, track=None))]
-        fn new(timestamp_ns: i64, center: &Bound<'_, PyAny>, covariance: Option<&Bound<'_, PyAny>>, track: Option<u32>) -> PyResult<Self> {
+        fn new(
+            timestamp_ns: &Bound<'_, PyAny>,
+            center: &Bound<'_, PyAny>,
+            covariance: Option<&Bound<'_, PyAny>>,
+            track: Option<&Bound<'_, PyAny>>,
+        ) -> PyResult<Self> {
+            let timestamp_ns = array::timestamp_ns(timestamp_ns)?;
+            let track = track.map(|track| array::integer(track, "track", "an integer from 0 to 2^32 - 1, or None")).transpose()?;
             let center = vector(center, "center")?;
             let covariance = covariance.map(|covariance| matrix(covariance, "covariance")).transpose()?;
             if !center.iter().any(|x| x.is_nan()) {

@@ -1,6 +1,8 @@
-//! A Python iterable of frames or positions as a source. It is pulled on the caller's thread, and what it raises reaches the caller.
+//! A Python iterable of frames or positions as a source. It is pulled on the caller's thread; what it raises ends the stream, then reaches
+//! the caller. Positions of equal stamps are one instant, so that the last one waits for the item after it.
 
-use super::error::{RecordingError, in_config};
+use super::array::timestamp_ns;
+use super::error::RecordingError;
 use super::event::Position;
 use crate::config::{CameraConfig, Config};
 use crate::event::EndReason;
@@ -11,7 +13,7 @@ use crate::seeing::Image;
 use crate::source::{Input, MOST_POSITIONS, measurement};
 use crate::track::Measurement;
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::{PyException, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyIterator, PyList, PyTuple};
 use std::borrow::Cow;
@@ -28,41 +30,79 @@ pub struct Iterable {
     config: Config,
     options: Options,
     run: Option<Run>,
+    /// What was pulled after the last instant, already.
+    ahead: Option<Pulled>,
+    /// What broke the stream, once it has told its end.
+    failure: Option<PyErr>,
 }
+
+/// An item, `None` after the last, or what the iterable raised.
+type Pulled = PyResult<Option<Py<PyAny>>>;
 
 impl Iterable {
     pub fn new(items: &Bound<'_, PyAny>, config: Config, options: Options) -> PyResult<Self> {
         let items = items.try_iter().map_err(|_| PyTypeError::new_err(format!("{} is no source: {EXPECTED}", items.get_type())))?;
-        Ok(Self { items: items.unbind(), config, options, run: None })
+        Ok(Self { items: items.unbind(), config, options, run: None, ahead: None, failure: None })
     }
 
-    /// Pulls one item; `None` after the last.
+    /// Pulls one instant; `None` after the last. What goes wrong is told after the end of the stream, if that has begun.
     pub fn step(&mut self, py: Python<'_>, interrupted: bool) -> PyResult<Option<Step>> {
         if self.run.as_ref().is_some_and(Run::is_over) || (interrupted && self.run.is_none()) {
-            return Ok(None);
+            return self.failure.take().map_or(Ok(None), Err);
         }
-        let item = if interrupted { None } else { self.items.bind(py).clone().next().transpose()? };
-        let Some(item) = item else {
-            let reason = if interrupted { EndReason::Interrupted } else { EndReason::EndOfSource };
-            let Some(run) = &mut self.run else { return Err(RecordingError::new_err(format!("the iterable is empty: {EXPECTED}"))) };
-            return Ok(Some(Step::end(run, reason)));
+        let outcome = if interrupted { Ok(None) } else { self.instant(py) };
+        let reason = match outcome {
+            Ok(Some(step)) => return Ok(Some(step)),
+            Ok(None) if interrupted => EndReason::Interrupted,
+            Ok(None) => EndReason::EndOfSource,
+            // Ctrl-C and the like pass at once.
+            Err(error) if self.run.is_none() || !error.is_instance_of::<PyException>(py) => return Err(error),
+            Err(error) => {
+                self.failure = Some(error);
+                EndReason::Disconnected
+            }
         };
-        if let Ok(position) = item.cast::<Position>() {
-            return self.positions(std::slice::from_ref(position)).map(Some);
+        let Some(run) = &mut self.run else { return Err(RecordingError::new_err(format!("the iterable is empty: {EXPECTED}"))) };
+        Ok(Some(Step::end(run, reason)))
+    }
+
+    /// The next frame, or all positions of the next instant, through the engine; `None` after the last.
+    fn instant(&mut self, py: Python<'_>) -> PyResult<Option<Step>> {
+        let Some(item) = self.ahead.take().unwrap_or_else(|| self.pull(py))? else { return Ok(None) };
+        let item = item.into_bound(py);
+        if let Ok(first) = item.cast::<Position>() {
+            let mut positions = std::vec![first.clone()];
+            while positions.len() <= MOST_POSITIONS {
+                let ahead = self.pull(py);
+                let next = ahead.as_ref().ok().and_then(|item| item.as_ref()?.bind(py).cast::<Position>().ok());
+                match next.filter(|next| next.get().timestamp_ns() == first.get().timestamp_ns()) {
+                    Some(next) => positions.push(next.clone()),
+                    None => {
+                        self.ahead = Some(ahead);
+                        break;
+                    }
+                }
+            }
+            return self.positions(&positions).map(Some);
         }
         if let Ok(list) = item.cast::<PyList>() {
             let positions = list.iter().map(|item| item.cast_into().map_err(|_| unexpected(list))).collect::<PyResult<Vec<_>>>()?;
             return self.positions(&positions).map(Some);
         }
-        match item.cast::<PyTuple>().map(|pair| pair.extract()) {
-            Ok(Ok((timestamp_ns, depth))) => self.frame(timestamp_ns, &depth).map(Some),
+        match item.cast::<PyTuple>().map(|pair| pair.extract::<(Bound<'_, PyAny>, Bound<'_, PyAny>)>()) {
+            Ok(Ok((stamp, depth))) => self.frame(timestamp_ns(&stamp)?, &depth).map(Some),
             _ => Err(unexpected(&item)),
         }
     }
 
+    fn pull(&self, py: Python<'_>) -> Pulled {
+        self.items.bind(py).clone().next().transpose().map(|item| item.map(Bound::unbind))
+    }
+
     fn positions(&mut self, positions: &[Bound<'_, Position>]) -> PyResult<Step> {
         if positions.len() > MOST_POSITIONS {
-            return Err(PyValueError::new_err(format!("at most {MOST_POSITIONS} positions of one instant, got {}", positions.len())));
+            let what = format!("more than {MOST_POSITIONS} positions of one instant: does timestamp_ns stand still?");
+            return Err(PyValueError::new_err(what));
         }
         let Some(first) = positions.first() else {
             return Err(PyValueError::new_err(
@@ -117,13 +157,8 @@ impl Iterable {
 
     /// The camera in force, of the first frame's size where nothing else is said.
     fn camera(&self, shape: &[usize]) -> PyResult<Camera> {
-        let keys = &self.config.camera;
         let size = CameraConfig { height: Some(shape[0] as u32), width: Some(shape[1] as u32), ..CameraConfig::default() };
-        let keys = keys.or(&size);
-        let like_a_kinect = (keys.width, keys.height) == (Some(640), Some(480));
-        if !like_a_kinect && [keys.fx, keys.fy, keys.cx, keys.cy].contains(&None) {
-            return Err(in_config(format!("depth is {shape:?}, not a Kinect's [480, 640]: tell fx, fy, cx and cy by camera=")));
-        }
+        let keys = self.config.camera.or(&size);
         Ok(Camera::from_config(&keys, DepthCode::Depth { units_per_metre: 1000.0 })?)
     }
 }

@@ -109,7 +109,14 @@ impl Columns {
         let needed = |name: &str| {
             column(name).ok_or_else(|| {
                 let shown: String = header.iter().collect::<Vec<_>>().join(",").chars().take(60).collect();
-                format!("line 1: no column `{name}`; the header must be t,x,y,z (s and m), it is {shown:?}")
+                let fix = if let Some(wrong) = header.iter().flat_map(str::chars).find(|c| [';', '\t'].contains(c)) {
+                    format!("; separate columns by `,` instead of {wrong:?}")
+                } else if let Some(wrong) = header.iter().find(|field| field.eq_ignore_ascii_case(name)) {
+                    format!("; write `{name}` instead of `{wrong}`")
+                } else {
+                    String::new()
+                };
+                format!("line 1: no column `{name}`; the header must be t,x,y,z (s and m), it is {shown:?}{fix}")
             })
         };
         let covariance = ["xx", "xy", "xz", "yy", "yz", "zz"];
@@ -240,6 +247,9 @@ mod tests {
         for (text, expected) in [
             ("t,x,y\n", "line 1: no column `z`"),
             ("1,2,3,4\n", "line 1: no column `t`"),
+            ("t;x;y;z\n0;1;2;3\n", "it is \"t;x;y;z\"; separate columns by `,` instead of ';'"),
+            ("t\tx\ty\tz\n", "separate columns by `,` instead of '\\t'"),
+            ("T,X,Y,Z\n0,1,2,3\n", "it is \"T,X,Y,Z\"; write `t` instead of `T`"),
             ("t,x,y,z,xx\n", "no column `xy`"),
             ("t,x,y,z\n0,1,2,3\n1,inf,0,0\n", "line 3: positions must be finite"),
             ("t,x,y,z\n0,1e9,2,3\n", "line 2: positions must be finite metres"),
