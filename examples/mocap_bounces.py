@@ -1,6 +1,6 @@
 """Bounces, floor and gravity from motion capture of thrown balls: Qualisys exports, TSV or JSON.
 
-    python examples/mocap_bounces.py FILE [--radius R] [--mass M]
+    python examples/mocap_bounces.py FILE [--radius R] [--mass M] [--touch T]
 
 Markers with a name belong to fixed things and are left out; every unlabelled trajectory is taken for a ball. Millimetres, z up.
 """
@@ -169,8 +169,9 @@ def main() -> int:
     parser.add_argument("file", type=Path, help="*.tsv or *.json")
     parser.add_argument("--radius", type=float, default=0.033, help="of the balls, m")
     parser.add_argument("--mass", type=float, default=0.057, help="of a ball, kg")
+    parser.add_argument("--touch", type=float, default=0.0045, help="how long a bounce touches, s; soft balls longer than a tennis ball")
     options = parser.parse_args()
-    ball = physinc.ObjectConfig(radius=options.radius, mass=options.mass)
+    ball = physinc.ObjectConfig(radius=options.radius, mass=options.mass, contact_duration=options.touch)
     try:
         report(read(options.file), physinc.Config(object=ball))
     except (OSError, physinc.PhysincError) as error:

@@ -184,7 +184,7 @@ impl Surfaces {
                 let (a_id, b_id) = (a.id, b.id);
                 let both = self.patches.iter().filter(|p| p.1 == Some(a_id) || p.1 == Some(b_id)).map(|p| &p.0);
                 let Some(plane) = Plane::fit(both, Some(up)) else { continue };
-                if plane.chi2 < a.plane.chi2 + b.plane.chi2 + ONE_MORE {
+                if plane.chi2 < a.plane.chi2 + b.plane.chi2 + ONE_MORE || self.one_covers_the_other(a_id, b_id) {
                     for patch in &mut self.patches {
                         if patch.1 == Some(b_id) {
                             patch.1 = Some(a_id);
@@ -206,6 +206,22 @@ impl Surfaces {
     /// Restitution of the ball on the found surface `id`.
     pub fn restitution(&self, id: u32) -> Option<f64> {
         self.found.iter().find(|f| f.id == id).map(|f| f.plane.restitution)
+    }
+
+    /// No ball touches a surface through another one: what was touched side by side, a little higher and a little lower, is one
+    /// surface, however sure the contacts are of their heights.
+    fn one_covers_the_other(&self, a: u32, b: u32) -> bool {
+        let members = |id: u32| self.patches.iter().filter(move |p| p.1 == Some(id)).map(|p| &p.0);
+        let normal = |id: u32| self.found.iter().find(|f| f.id == id).map_or_else(Vec3::zeros, |f| f.plane.normal);
+        let n = normal(a);
+        n.dot(&normal(b)) > 0.99
+            && members(a).any(|p| {
+                members(b).any(|q| {
+                    let apart = q.center - p.center;
+                    let height = n.dot(&apart).abs();
+                    (apart - n * n.dot(&apart)).norm() < p.radius && height < 0.3 * p.radius
+                })
+            })
     }
 
     /// Hands out every surface as it is now: known ones, found ones, and those that merged since they were handed out last.

@@ -182,12 +182,15 @@ impl Motion {
             return self.refit(window, around);
         }
         let whole = between(window.samples(), self.since, f64::INFINITY);
+        // Of a row of hops, the last ones together.
+        let began = self.pending.as_ref().map_or(self.since, |p| p.since.max(last.t - HISTORY * 0.5).min(self.since));
         if count >= AFTER_CONTACT.0
-            && last.t - self.since >= PATIENCE
-            && let Some(fit) = supported(whole)
+            && last.t - began >= PATIENCE
+            && let Some(fit) = supported(between(window.samples(), began, f64::INFINITY))
         {
             // It never flew: it was held, or lay, and a few samples of that pass for a flight.
-            self.restart(Phase::Supported, self.since);
+            self.settle(window, at, around, findings);
+            self.restart(Phase::Supported, began);
             self.fit = Some(fit);
             return;
         }
