@@ -75,13 +75,11 @@ impl Iterable {
             while positions.len() <= MOST_POSITIONS {
                 let ahead = self.pull(py);
                 let next = ahead.as_ref().ok().and_then(|item| item.as_ref()?.bind(py).cast::<Position>().ok());
-                match next.filter(|next| next.get().timestamp_ns() == first.get().timestamp_ns()) {
-                    Some(next) => positions.push(next.clone()),
-                    None => {
-                        self.ahead = Some(ahead);
-                        break;
-                    }
-                }
+                let Some(next) = next.filter(|next| next.get().timestamp_ns() == first.get().timestamp_ns()) else {
+                    self.ahead = Some(ahead);
+                    break;
+                };
+                positions.push(next.clone());
             }
             return self.positions(&positions).map(Some);
         }
