@@ -1,4 +1,43 @@
-//! physinc watches a depth camera and reports what *happened*, physically.
+//! physinc watches a depth camera and reports what *happened*, physically: it predicts every tracked ball by the laws of physics, and
+//! where measurement and prediction disagree it says why. After "Exploiting Physical Inconsistencies for 3D Scene Understanding".
+//!
+//! ```text
+//! depth frames ─ detect ─ (seeing) ─┐
+//!                                   ├─ track ─ physics ─ scene ─ (reasoning) ─ events
+//! positions by any tracker ─────────┘
+//!                  (engine: both)        source ─ run ─ python: where frames come from, where events go
+//! ```
+//!
+//! [`seeing::Seeing`] turns frames into positions, [`reasoning::Reasoning`] positions into [`event::Event`]s, [`engine::Engine`] does
+//! both. They are handed their input with its time and hand events to a sink: they open nothing, read no clock and allocate nothing, so
+//! the same input gives the same events to the last bit. A layer uses only those on its left.
+//!
+//! ```
+//! use physinc::{config::Config, engine::Engine, event::Kind, seeing::Image};
+//! # #[cfg(feature = "sim")] {
+//! let scene = physinc::sim::Scene::parse("bounce?throws=1").unwrap();
+//! let mut engine = Engine::new(&Config::default(), Some(&scene.camera())).unwrap();
+//! let mut bounces = 0;
+//! let mut sink = |event: physinc::event::Event| bounces += usize::from(event.is_final && matches!(event.kind, Kind::Contact(_)));
+//! let mut frames = scene.frames();
+//! while let Some(frame) = frames.next_frame() {
+//!     engine.frame(frame.timestamp_ns, Image::U16(frame.samples), &mut sink).unwrap();
+//! }
+//! engine.finish(&mut sink);
+//! assert!(bounces > 0);
+//! # }
+//! ```
+//!
+//! # Frames and units
+//! Metres, seconds, m/s, radians, kilograms; anything else says so in its name (`_ns`, `_px`). A time that identifies is an integer
+//! `timestamp_ns` on the stream's own clock. Camera frame: x right, y down, z forward, pixel centers at integers. World: z up; a bare
+//! position is in the world. Covariances are of what the user sees, in the same frame and SI units squared.
+//!
+//! # Features
+//! - none: the core, `no_std` and without an allocator.
+//! - `std`: configuration files, recordings, streams.
+//! - `sim`: simulated scenes with their truth; it shares no code with the estimators.
+//! - `python`: the extension module.
 #![no_std]
 
 #[cfg(feature = "std")]

@@ -43,7 +43,10 @@ impl Flight {
         let (mut flight, mut spread) = Self::start(samples, gravity)?;
         // Drag bends by what the velocity is, gravity's size acts along what its direction is: twice is to a few µm.
         for _ in 0..3 {
-            flight.improve(law, samples, gravity, &mut spread)?;
+            let step = flight.improve(law, samples, gravity, &mut spread)?;
+            if step.fixed_rows::<6>(0).norm() < 1e-6 {
+                break;
+            }
         }
         Some(flight)
     }

@@ -97,7 +97,7 @@ impl Reasoning {
             if m.label.is_none() && measured[..i].iter().any(|o| o.whole && o.label.is_none() && (o.center - m.center).norm() < m.radius) {
                 continue;
             }
-            assigned[i] = assigned[i].or_else(|| self.adopt(m, &assigned)).or_else(|| self.begin(m, sink));
+            assigned[i] = assigned[i].or_else(|| self.adopt(m, &assigned)).or_else(|| self.begin(m, &assigned, sink));
             match assigned[i] {
                 Some(id) => self.extend(id, m, frame, sink),
                 None => self.homeless += 1,
@@ -167,11 +167,12 @@ impl Reasoning {
         silent.max_by(|a, b| silence(a).total_cmp(&silence(b))).map(|t| t.id)
     }
 
-    fn begin(&mut self, m: &Measurement, sink: &mut dyn FnMut(Event)) -> Option<u32> {
+    fn begin(&mut self, m: &Measurement, assigned: &[Option<u32>], sink: &mut dyn FnMut(Event)) -> Option<u32> {
         if self.tracks.is_full() {
-            // There is room for so many: the one that was silent for longest goes.
+            // There is room for so many: the one that was silent for longest, and still is, goes.
             let silence = |t: &Track| t.seconds(m.time_ns) - t.last;
-            let quietest = self.tracks.iter().max_by(|a, b| silence(a).total_cmp(&silence(b))).filter(|t| silence(t) > LOST)?.id;
+            let silent = self.tracks.iter().filter(|t| silence(t) > LOST && !assigned.contains(&Some(t.id)));
+            let quietest = silent.max_by(|a, b| silence(a).total_cmp(&silence(b)))?.id;
             self.end(quietest, TrackReason::Lost, sink);
         }
         self.last_track += 1;
@@ -239,7 +240,7 @@ impl Reasoning {
         };
         let (last, sign) = (track.last, track.sign);
         self.end(id, TrackReason::Lost, sink);
-        let Some(new) = self.begin(&m, sink) else { return };
+        let Some(new) = self.begin(&m, &[], sink) else { return };
         if let Some(track) = self.track_mut(new) {
             (track.last, track.sign) = (last, sign);
         }

@@ -166,6 +166,9 @@ impl Motion {
             Phase::Supported => supported(between(recent, last.t - AFTER_SIDE, f64::INFINITY)),
             _ => Flight::fit(around.law, recent, around.gravity),
         };
+        if self.phase == Phase::Supported && self.fit.is_none() {
+            self.restart(Phase::Unknown, last.t);
+        }
     }
 
     /// The samples from `at` on disagree with the flight before. Why?
