@@ -13,7 +13,6 @@ pub struct Accumulator<const N: usize> {
     vector: SVector<f64, N>,
     square: f64,
     log_weight: f64,
-    rows: usize,
 }
 
 /// What the normal equations say.
@@ -31,7 +30,7 @@ pub struct Solution<const N: usize> {
 
 impl<const N: usize> Default for Accumulator<N> {
     fn default() -> Self {
-        Self { information: SMatrix::zeros(), vector: SVector::zeros(), square: 0.0, log_weight: 0.0, rows: 0 }
+        Self { information: SMatrix::zeros(), vector: SVector::zeros(), square: 0.0, log_weight: 0.0 }
     }
 }
 
@@ -43,7 +42,6 @@ impl<const N: usize> Accumulator<N> {
         self.vector.axpy(w * value, row, 1.0);
         self.square += w * value * value;
         self.log_weight += 0.5 * libm::log(w / core::f64::consts::TAU);
-        self.rows += 1;
     }
 
     /// Prior knowledge of the unknown `index` alone.
@@ -77,7 +75,6 @@ impl<const N: usize> Accumulator<N> {
     fn weigh(&mut self, square: f64, weight: &Mat3) {
         self.square += square;
         self.log_weight += 0.5 * libm::log(weight.determinant().max(f64::MIN_POSITIVE)) - 1.5 * libm::log(core::f64::consts::TAU);
-        self.rows += 3;
     }
 
     /// Knowledge of three neighbouring unknowns from `first` on: Gaussian with `information` about `mean`.
@@ -118,11 +115,6 @@ impl<const N: usize> Accumulator<N> {
         let log_root: f64 = (0..N).map(|i| libm::log(factor[(i, i)]) - libm::log(scale[i])).sum();
         let log_evidence = self.log_weight - 0.5 * chi2 - log_root + 0.5 * N as f64 * libm::log(core::f64::consts::TAU);
         mean.iter().chain(covariance.iter()).all(|x| x.is_finite()).then_some(Solution { mean, covariance, chi2, log_evidence })
-    }
-
-    /// Scalars observed so far, priors included.
-    pub fn rows(&self) -> usize {
-        self.rows
     }
 }
 

@@ -57,12 +57,6 @@ impl Contact {
         (self.after - self.before).try_normalize(1e-9)
     }
 
-    /// Where the center is at last touch, m, after a touch of `duration` (s) of a surface with `normal`.
-    pub fn center_at_last_touch(&self, duration: f64, normal: &Vec3) -> Vec3 {
-        let mean = (self.before + self.after) * 0.5;
-        self.center + (mean - normal * normal.dot(&mean)) * duration
-    }
-
     /// The surface's normal as this contact alone shows it. Without friction it is the impulse's direction; for any friction and spin,
     /// after + e · before lies in the surface. The first holds to about 0.2 rad, the second as well as `restitution` (mean, sd) is known.
     pub fn normal(&self, restitution: (f64, f64)) -> Option<Vec3> {

@@ -106,17 +106,6 @@ pub fn normal(contact: &Contact) -> Option<Vec3> {
     (contact.after.try_normalize(1e-9)? - contact.before.try_normalize(1e-9)?).try_normalize(1e-9)
 }
 
-/// The mean of the frame-wise accelerations (sec. 3.1), m/s²; `None` for fewer than three measurements.
-pub fn mean_acceleration(samples: &[Sample]) -> Option<Vec3> {
-    let mut sum = Vec3::zeros();
-    let mut count = 0.0;
-    for w in samples.windows(3) {
-        sum += acceleration(&w[0], &w[1], &w[2])?;
-        count += 1.0;
-    }
-    (count > 0.0).then(|| sum / count)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
