@@ -117,7 +117,7 @@ def test_the_configuration_in_force_is_printed_and_read_back(tmp_path: Path) -> 
 
 
 def test_help_names_every_command_and_option() -> None:
-    assert {"run", "simulate"} <= set(physinc("--help").stdout.split())
+    assert {"run", "record", "simulate"} <= set(physinc("--help").stdout.split())
     text = physinc("run", "--help").stdout
     for option in ("json", "positions", "provisional", "config", "camera", "frames", "duration", "every-frame", "reconnect", "dump-config"):
         assert f"--{option}" in text
