@@ -133,7 +133,7 @@ def test_the_configuration_of_a_source_is_that_of_its_camera() -> None:
 
 
 def test_help_names_every_command_and_option() -> None:
-    assert {"run", "simulate"} <= set(physinc("--help").stdout.split())
+    assert {"run", "record", "simulate"} <= set(physinc("--help").stdout.split())
     text = physinc("run", "--help").stdout
     for option in ("json", "positions", "provisional", "config", "camera", "frames", "duration", "every-frame", "reconnect", "dump-config"):
         assert f"--{option}" in text

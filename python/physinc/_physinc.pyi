@@ -21,6 +21,7 @@ __all__ = [
     "Inconsistency",
     "PlaneFit",
     "Position",
+    "Recording",
     "SphereFit",
     "Stream",
     "StreamEnded",
@@ -38,6 +39,7 @@ __all__ = [
     "fit_planes",
     "fit_sphere",
     "open_iterable",
+    "open_recording",
     "open_source",
     "scenes",
     "simulate",
@@ -809,6 +811,20 @@ def open_source(
 def open_iterable(items: Iterable[Any], *, config: _Config, camera: _Camera, positions: bool, provisional: bool) -> Stream: ...
 def dump_config(source: str | None = None, config: _Config = None, camera: _Camera = None) -> str: ...
 def event_from_toml(text: str) -> _Event: ...
+
+@final
+class Recording:
+    """A source that is being recorded: an iterator over its frames, and a context manager."""
+
+    def __iter__(self) -> Self: ...
+    def __next__(self) -> tuple[int, int]:
+        """How many frames there are now, and the newest one's stamp, ns."""
+    def __enter__(self) -> Self: ...
+    def __exit__(self, *exception: object) -> None: ...
+    def close(self) -> None:
+        """Completes what was recorded; no more frames."""
+
+def open_recording(source: str, out: str | os.PathLike[str], *, tum: bool, frames: int | None) -> Recording: ...
 def simulate(scene: str, out: str | os.PathLike[str]) -> tuple[int, int, int]: ...
 def scenes() -> list[str]: ...
 def accelerations(t: ArrayLike, positions: ArrayLike) -> _Array: ...

@@ -12,9 +12,10 @@ from cyclopts import App, CycloptsError, Parameter, validators
 
 from . import __version__
 from ._physinc import dump_config as configuration_in_force
+from ._physinc import open_recording
 from ._physinc import simulate as simulate_scene
 from .errors import ConfigError, DeviceNotFoundError, PhysincError
-from .narration import Narration
+from .narration import Narration, Progress
 from .streaming import open_named, path_of
 
 app = App(
@@ -60,6 +61,7 @@ def run(
     ----------
     source
         demo: a recording inside the package. FILE.npz: depth frames (timestamps_ns [N] int64, and depth_mm or disparity [N,H,W] uint16).
+        A folder with INDEX.txt (fakenect) or depth.txt (TUM RGB-D): depth frames, one a file.
         FILE.csv, or - for stdin: positions, with the header t,x,y,z (s, m, z up) and optionally track, xx,xy,xz,yy,yz,zz.
         Left out: a live Kinect, which this version can't read yet.
     json
@@ -120,6 +122,44 @@ def run(
             narration.tell(event)
         narration.close(stream.busy)
     return 130 if interrupted else 0
+
+
+@app.command
+def record(
+    source: str,
+    out: Path,
+    /,
+    *,
+    frames: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
+    every_frame: Annotated[bool, Flag] = False,
+    tum: Annotated[bool, Flag] = False,
+) -> int:
+    """Record the depth frames of SOURCE in OUT, with the camera in camera.toml, so that `physinc run OUT` tells the same.
+
+    Parameters
+    ----------
+    source
+        Any source of depth frames, as for run.
+    out
+        FILE.npz (disparity as it is, depth in whole mm), or else a folder in fakenect's layout: stamps become ticks of 60 MHz, at most
+        8 ns away. Nothing is overwritten. A folder is readable up to its last frame even if the recording is killed.
+    frames
+        Stop after so many frames.
+    every_frame
+        Live devices wait instead of dropping frames; of recordings every frame is used anyway.
+    tum
+        The folder has the layout of TUM RGB-D instead, which keeps every stamp and every sample.
+
+    """
+    del every_frame
+    # Ctrl-C ends the recording, which is completed first.
+    with (
+        open_recording(path_of(source), out, tum=tum, frames=frames) as recording,
+        Progress(out, frames) as progress,
+    ):
+        for count, timestamp_ns in recording:
+            progress.tell(count, timestamp_ns)
+    return 0
 
 
 @app.command

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
+from rich.markup import escape
 
 from . import _physinc as p
 from .event import Event
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 
 class Plain(Console):
@@ -18,6 +24,34 @@ class Plain(Console):
     def on_broken_pipe(self) -> None:
         """Say that nobody reads any more."""
         raise BrokenPipeError
+
+
+class Progress:
+    """A line on stderr that says how much was recorded."""
+
+    def __init__(self, out: Path, frames: int | None) -> None:
+        self.out, self.frames = out, frames
+        self.count, self.start_ns, self.newest_ns = 0, 0, 0
+        self.console = Console(stderr=True, highlight=False, soft_wrap=True)
+        self.status = self.console.status(self._line())
+
+    def __enter__(self) -> Self:
+        self.status.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.status.stop()
+        self.console.print(self._line())
+
+    def tell(self, count: int, timestamp_ns: int) -> None:
+        """Show that there are `count` frames, the newest of `timestamp_ns`."""
+        self.start_ns = self.start_ns if self.count else timestamp_ns
+        self.count, self.newest_ns = count, timestamp_ns
+        self.status.update(self._line())
+
+    def _line(self) -> str:
+        of = f" of {self.frames}" if self.frames is not None else ""
+        return escape(f"{self.out}: {self.count}{of} frames, {(self.newest_ns - self.start_ns) * 1e-9:.1f} s")
 
 
 class Narration:

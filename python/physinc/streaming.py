@@ -40,8 +40,9 @@ def stream(
 ) -> Stream:
     """Iterate over what happens in `source`.
 
-    `source` is `"demo"`, the path of an `*.npz` (depth frames) or `*.csv` (positions), `"-"` (a CSV on stdin), or an iterable of
-    `(timestamp_ns, depth)` or `Position`. Left out it is a live Kinect, which this version can't read yet.
+    `source` is `"demo"`, the path of an `*.npz` (depth frames), of a folder with `INDEX.txt` (fakenect) or `depth.txt` (TUM RGB-D), or of a
+    `*.csv` (positions), `"-"` (a CSV on stdin), or an iterable of `(timestamp_ns, depth)` or `Position`.
+    Left out it is a live Kinect, which this version can't read yet.
 
     `config` is the path of a TOML file, a dict of the same shape, or a `Config`; `camera` likewise a camera file, a dict or a
     `CameraConfig`, which wins over the file beside a recording.

@@ -166,6 +166,28 @@ impl Camera {
         })
     }
 
+    /// The keys that tell of this camera: [`Camera::from_config`] makes it of them again.
+    pub fn to_config(&self) -> CameraConfig {
+        let (depth_scale, disparity_law) = match self.code {
+            DepthCode::Depth { units_per_metre } => (Some(units_per_metre), None),
+            DepthCode::Disparity { law } => (None, Some(law)),
+        };
+        CameraConfig {
+            width: Some(self.width as u32),
+            height: Some(self.height as u32),
+            fx: Some(self.fx),
+            fy: Some(self.fy),
+            cx: Some(self.cx),
+            cy: Some(self.cy),
+            depth_scale,
+            disparity: disparity_law.is_some().then_some(true),
+            disparity_law,
+            max_depth: Some(self.max_depth),
+            readout: Some(self.readout),
+            world_from_camera: self.pose.map(|pose| pose.to_rows()),
+        }
+    }
+
     /// The point at depth `z` (m) on the ray of pixel (`column`, `row`), camera frame.
     #[inline]
     pub fn deproject(&self, column: f64, row: f64, z: f64) -> Vec3 {

@@ -57,7 +57,7 @@ pub fn dump_config(source: Option<&str>, config: Option<&Bound<'_, PyAny>>, came
     if let Some(source) = source {
         crate::source::open(source, &config, file.as_deref())?;
     }
-    let recording = source.filter(|source| Path::new(source).is_file());
+    let recording = source.filter(|source| Path::new(source).exists());
     config.camera = camera_in_force(recording, &config, file.as_deref())?;
     config.validate()?;
     config_file::to_toml(&config).map_err(|error| in_config(error.to_string()))

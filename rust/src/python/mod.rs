@@ -8,6 +8,7 @@ mod functions;
 mod iterable;
 mod law;
 mod planes;
+mod recording;
 mod result;
 mod samples;
 mod simulation;
@@ -28,6 +29,8 @@ mod _physinc {
     use super::functions::{accelerations, find_inconsistencies, fit_flight, fit_sphere, solve_contact};
     #[pymodule_export]
     use super::planes::fit_planes;
+    #[pymodule_export]
+    use super::recording::{Recording, open_recording};
     #[pymodule_export]
     use super::result::{ContactFit, FlightFit, Inconsistencies, PlaneFit, SphereFit};
     #[pymodule_export]

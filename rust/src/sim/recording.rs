@@ -2,7 +2,6 @@
 
 use super::SimError;
 use super::scene::Scene;
-use crate::config::CameraConfig;
 use crate::geometry::camera::{Camera, DepthCode};
 use npyz::WriterBuilder;
 use std::fs::File;
@@ -93,23 +92,9 @@ fn write_header(out: &mut impl Write, kind: &str, shape: &[u64]) -> io::Result<(
 
 /// What an estimator is told of the camera, as `camera.toml`.
 fn camera_toml(camera: &Camera) -> Result<String, SimError> {
-    let (depth_scale, disparity_law) = match camera.code {
-        DepthCode::Depth { units_per_metre } => (Some(units_per_metre), None),
-        DepthCode::Disparity { law } => (None, Some(law)),
-    };
-    let keys = CameraConfig {
-        width: Some(camera.width as u32),
-        height: Some(camera.height as u32),
-        fx: Some(camera.fx),
-        fy: Some(camera.fy),
-        cx: Some(camera.cx),
-        cy: Some(camera.cy),
-        depth_scale,
-        disparity: disparity_law.is_some().then_some(true),
-        disparity_law,
-        max_depth: Some(camera.max_depth),
-        readout: Some(camera.readout),
-        world_from_camera: camera.pose.map(|p| p.to_rows()),
-    };
-    toml::to_string(&keys).map_err(|e| SimError::BadValue { key: "camera".to_string(), value: String::new(), why: e.to_string() })
+    toml::to_string(&camera.to_config()).map_err(|e| SimError::BadValue {
+        key: "camera".to_string(),
+        value: String::new(),
+        why: e.to_string(),
+    })
 }

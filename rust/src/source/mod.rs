@@ -6,16 +6,25 @@
 mod csv;
 mod decimal;
 mod error;
+mod fakenect;
+mod folder;
 mod npz;
+mod npz_record;
+mod record;
 mod sidecar;
 #[cfg(feature = "sim")]
 mod simulated;
+mod ticks;
+mod tum;
 
 pub use self::csv::Csv;
 pub use error::SourceError;
+pub use fakenect::Fakenect;
 pub use npz::Npz;
+pub use record::{RecordError, Recording};
 #[cfg(feature = "sim")]
 pub use simulated::Simulated;
+pub use tum::Tum;
 
 use crate::config::Config;
 use crate::config_file::ConfigFileError;
@@ -70,7 +79,7 @@ pub trait Source: Send {
 }
 
 /// What can be opened, for messages.
-const KINDS: &str = "*.npz (depth frames), *.csv or - (positions), sim:SCENE, demo";
+const KINDS: &str = "*.npz (depth frames), a folder with INDEX.txt (fakenect) or depth.txt (TUM), *.csv or - (positions), sim:SCENE, demo";
 
 /// Opens what the user named. `camera` is a camera file that wins over those beside a recording; `[camera]` in `config` wins over both.
 ///
@@ -91,7 +100,12 @@ pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<
     let path = Path::new(source);
     let unsupported = |why: &str| SourceError::Unsupported { source_name: source.into(), why: why.into() };
     if path.is_dir() {
-        return Err(unsupported("this version can't read folders"));
+        let keys = || sidecar::in_force(path, config, camera);
+        return match [fakenect::INDEX, tum::INDEX].map(|index| path.join(index).is_file()) {
+            [true, _] => Ok(Box::new(Fakenect::open(path, &keys()?)?)),
+            [false, true] => Ok(Box::new(Tum::open(path, &keys()?)?)),
+            [false, false] => Err(unsupported("neither INDEX.txt nor depth.txt in this folder")),
+        };
     }
     let extension = path.extension().map(|extension| extension.to_ascii_lowercase().to_string_lossy().into_owned());
     match extension.as_deref() {

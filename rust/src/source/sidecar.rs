@@ -12,8 +12,11 @@ pub(super) fn in_force(path: &Path, config: &Config, camera: Option<&Path>) -> R
     Ok(config.camera.or(&keys))
 }
 
-/// `NAME.camera.toml`, else `camera.toml` beside it.
+/// `camera.toml` in a folder; of a file `NAME.camera.toml`, else `camera.toml` beside it.
 fn beside(path: &Path) -> Option<PathBuf> {
+    if path.is_dir() {
+        return Some(path.join("camera.toml")).filter(|file| file.is_file());
+    }
     let of_its_own = path.with_extension("camera.toml");
     let shared = path.with_file_name("camera.toml");
     [of_its_own, shared].into_iter().find(|file| file.is_file())

@@ -1,0 +1,65 @@
+//! A source that is being recorded.
+
+use super::error::ConfigError;
+use crate::config::Config;
+use crate::source::{self, RecordError};
+use pyo3::exceptions::PyOSError;
+use pyo3::prelude::*;
+use std::path::PathBuf;
+use std::string::ToString;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// An iterator over the frames that it records, and a context manager: (how many there are now, stamp in ns).
+#[pyclass(frozen, module = "physinc._physinc")]
+pub struct Recording(Mutex<Option<source::Recording>>);
+
+#[pymethods]
+impl Recording {
+    fn __iter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    fn __next__(&self, py: Python<'_>) -> PyResult<Option<(u64, i64)>> {
+        py.check_signals()?;
+        Ok(py.detach(|| self.recording().as_mut().map_or(Ok(None), source::Recording::next_frame))?)
+    }
+
+    fn __enter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    #[pyo3(signature = (*_exception))]
+    fn __exit__(&self, py: Python<'_>, _exception: &Bound<'_, pyo3::types::PyTuple>) -> PyResult<()> {
+        self.close(py)
+    }
+
+    /// Completes what was recorded; no more frames.
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
+        Ok(py.detach(|| self.recording().take().map_or(Ok(()), source::Recording::finish))?)
+    }
+}
+
+impl Recording {
+    fn recording(&self) -> MutexGuard<'_, Option<source::Recording>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Will record at most `frames` of `source` in `out`: a `*.npz`, or a folder, in fakenect's layout or, with `tum`, in TUM's.
+#[pyfunction]
+#[pyo3(signature = (source, out, *, tum, frames))]
+#[allow(clippy::needless_pass_by_value)] // As Python gives it.
+pub fn open_recording(source: &str, out: PathBuf, tum: bool, frames: Option<u64>) -> PyResult<Recording> {
+    let source = source::open(source, &Config::default(), None)?;
+    Ok(Recording(Mutex::new(Some(source::Recording::new(source, &out, tum, frames)?))))
+}
+
+impl From<RecordError> for PyErr {
+    fn from(error: RecordError) -> Self {
+        match error {
+            RecordError::Source(error) => error.into(),
+            RecordError::Refused { .. } => ConfigError::new_err(error.to_string()),
+            RecordError::Write { .. } => PyOSError::new_err(error.to_string()),
+        }
+    }
+}

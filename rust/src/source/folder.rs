@@ -1,0 +1,82 @@
+//! A folder of images and the index that names them.
+
+use super::SourceError;
+use crate::geometry::camera::Camera;
+use std::format;
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Component, Path, PathBuf};
+use std::string::{String, ToString};
+use std::vec::Vec;
+
+/// The longest line that is read; a longer one names no file.
+const LONGEST_LINE: u64 = 1 << 13;
+
+/// Reads an index line by line, and opens what it names.
+pub(super) struct Index {
+    name: String,
+    folder: PathBuf,
+    file: &'static str,
+    lines: BufReader<File>,
+    number: u64,
+}
+
+impl Index {
+    /// The index `file` of `folder`.
+    pub(super) fn open(folder: &Path, file: &'static str) -> Result<Self, SourceError> {
+        let name = folder.display().to_string();
+        let lines = File::open(folder.join(file)).map_err(|error| SourceError::unreadable(&name, error))?;
+        Ok(Self { name, folder: folder.into(), file, lines: BufReader::new(lines), number: 0 })
+    }
+
+    /// The folder, as the user named it.
+    pub(super) fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The next line, without the space around it; `None` at the end.
+    pub(super) fn next_line(&mut self) -> Result<Option<String>, SourceError> {
+        self.number += 1;
+        let mut line = Vec::new();
+        let read = (&mut self.lines).take(LONGEST_LINE).read_until(b'\n', &mut line);
+        let length = read.map_err(|error| self.malformed(format!("it can't be read ({error})")))?;
+        if length as u64 == LONGEST_LINE {
+            return Err(self.malformed("a line of more than 8 KiB; names of images are expected"));
+        }
+        match String::from_utf8(line) {
+            Ok(line) => Ok((length > 0).then(|| line.trim().into())),
+            Err(_) => Err(self.malformed("not text; names of images are expected")),
+        }
+    }
+
+    /// What is wrong with the line that was read last.
+    pub(super) fn malformed(&self, what: impl std::fmt::Display) -> SourceError {
+        SourceError::malformed(&self.name, format!("{}, line {}: {what}", self.file, self.number))
+    }
+
+    /// Opens the image `name`, which must be a file inside the folder.
+    pub(super) fn image(&self, name: &str) -> Result<BufReader<File>, SourceError> {
+        let path = Path::new(name);
+        if !path.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir)) {
+            return Err(self.malformed(format!("{name:?} leaves the folder: only images inside it are read")));
+        }
+        let path = self.folder.join(path);
+        match std::fs::metadata(&path) {
+            // What is no file, a pipe perhaps, may never open.
+            Ok(kind) if !kind.is_file() => Err(self.malformed(format!("{name:?} is no file"))),
+            Ok(_) => File::open(&path).map(BufReader::new).map_err(|error| self.malformed(format!("{name:?} can't be read ({error})"))),
+            Err(error) => Err(self.malformed(format!("{name:?} is missing ({error}); take its line out to go on without it"))),
+        }
+    }
+}
+
+/// An error where an image is not of the camera's size.
+pub(super) fn check_size(camera: &Camera, [width, height]: [u64; 2]) -> Result<(), String> {
+    if [width, height] == [camera.width as u64, camera.height as u64] {
+        return Ok(());
+    }
+    Err(format!(
+        "it is {width}×{height} px, the camera is {}×{}: tell width, height, fx, fy, cx, cy in camera.toml or by --camera FILE",
+        camera.width, camera.height
+    ))
+}
