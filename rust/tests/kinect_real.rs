@@ -11,8 +11,10 @@ fn bytes(hex: &str) -> Vec<u8> {
     (0..hex.len() / 2).map(|i| u8::from_str_radix(&hex[2 * i..2 * i + 2], 16).expect("hexadecimal")).collect()
 }
 
-/// The recorded transactions: command, tag, payload out, status and payload back.
-fn recorded() -> Option<Vec<(u16, u16, Vec<u8>, Vec<u8>)>> {
+/// Command, tag, payload out, status and payload back.
+type Transaction = (u16, u16, Vec<u8>, Vec<u8>);
+
+fn recorded() -> Option<Vec<Transaction>> {
     let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
     let folder = env::var_os("PHYSINC_DATA").map_or(beside, Into::into);
     let file = folder.join("libfreenect-2010-raw/camera_init_control_transactions.txt");

@@ -58,7 +58,7 @@ mod tests {
             let mut clock = Clock::default();
             let read = |clock: &mut Clock, ticks, at| clock.stamp_ns(ticks, at);
             assert_eq!(read(&mut clock, 6_000_000, 5), SECOND / 10);
-            read(&mut clock, 8_000_000 ^ 1 << bit, 5 + SECOND / 30);
+            read(&mut clock, 0x007a_1200 ^ 1 << bit, 5 + SECOND / 30);
             assert_eq!(read(&mut clock, 12_000_000, 5 + SECOND / 10), SECOND / 5, "bit {bit}");
         }
     }

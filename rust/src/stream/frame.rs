@@ -120,7 +120,9 @@ mod tests {
         let mut present = PacketSet::default();
         (0..242).for_each(|index| present.insert(index));
         assert_eq!(missing(Packing::Eleven, present).count(), 0);
-        [0, 100, 101, 241].iter().for_each(|index| present.remove(*index));
+        for index in [0, 100, 101, 241] {
+            present.remove(index);
+        }
         let ranges: Vec<_> = missing(Packing::Eleven, present).collect();
         // 1748 × 8 / 11 = 1271.3 samples a packet.
         assert_eq!(ranges, [0..1272, 127_127..129_670, 306_376..307_200]);
