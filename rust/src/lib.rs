@@ -51,6 +51,7 @@ pub mod engine;
 pub mod error;
 pub mod event;
 pub mod geometry;
+pub mod kinect;
 pub mod math;
 pub mod physics;
 #[cfg(feature = "python")]
@@ -64,6 +65,7 @@ pub mod seeing;
 pub mod sim;
 #[cfg(feature = "std")]
 pub mod source;
+pub mod stream;
 pub mod time;
 pub mod timeline;
 pub mod track;

@@ -8,7 +8,8 @@ const COMMON: &[&str] = &["time", "error", "config", "event", "math"];
 
 /// Each other module, and which modules or items it may use beside [`COMMON`] and itself.
 const LAYERS: &[(&str, &[&str])] = &[
-    ("kinect", &[]),
+    // The law from disparity to depth stands with the camera model.
+    ("kinect", &["geometry"]),
     ("stream", &["kinect"]),
     ("geometry", &[]),
     ("detect", &["geometry"]),

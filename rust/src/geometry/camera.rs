@@ -22,11 +22,14 @@ pub enum DepthCode {
 /// A raw disparity sample that carries no reading.
 pub const NO_DISPARITY: u16 = 2047;
 
-/// `[c0, c1]` of 1/z = c0 + c1 · raw for one real Kinect v1 (emitter 7.5 cm, reference 120 cm, pixel 0.1042 cm, `const_shift` 200).
-pub const KINECT_DISPARITY_LAW: [f64; 2] = {
-    let (emitter, reference, pixel, shift) = (7.5, 120.0, 0.1042, 200.0);
+/// `[c0, c1]` of 1/z = c0 + c1 · raw, in 1/m, of a Kinect v1 with this zero plane: distance of its projector, distance of the plane,
+/// size of a pixel there (all cm), and `const_shift`. It is libfreenect's m = ((raw − 4 s) / 4 − 0.375) · p, z = m · r / (b − m) + r.
+pub const fn disparity_law(emitter: f64, reference: f64, pixel: f64, shift: f64) -> [f64; 2] {
     [100.0 * (emitter + (shift + 0.375) * pixel) / (reference * emitter), -100.0 * pixel / 4.0 / (reference * emitter)]
-};
+}
+
+/// The law of one real Kinect v1.
+pub const KINECT_DISPARITY_LAW: [f64; 2] = disparity_law(7.5, 120.0, 0.1042, 200.0);
 
 impl DepthCode {
     /// Depth z in metres of a sample, or `None` where there is no reading or none that can be (z ≤ 0).

@@ -1,0 +1,88 @@
+//! The device's clock, 60 MHz modulo 2³², to nanoseconds that never wrap.
+
+use crate::kinect::packet::TICKS_PER_SECOND;
+
+/// How far the device's time may be from what the times of arrival say, before the two are no longer tied together by it, ticks.
+const TRUSTED: i64 = TICKS_PER_SECOND as i64;
+
+/// Counts the clock's wraps (every 71.6 s), by the time of arrival also those that fall into a gap.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Clock {
+    /// Unwrapped ticks that were seen at a time of arrival, ns.
+    tie: Option<(i64, i64)>,
+}
+
+impl Clock {
+    /// The stamp, in ns, of `ticks` read from a frame that arrived at `arrival_ns`: unwrapped from the first reading, not rebased,
+    /// × 50/3, rounded. Of all counts of wraps, the one nearest to the time of arrival: right while device and host agree to 35 s
+    /// over the time since the last reading. A single wild reading does not change those after it.
+    pub fn stamp_ns(&mut self, ticks: u32, arrival_ns: i64) -> i64 {
+        let (unwrapped, expected) = match self.tie {
+            None => (i64::from(ticks), i64::from(ticks)),
+            Some((tied_ticks, tied_ns)) => {
+                let expected = tied_ticks.saturating_add((arrival_ns.saturating_sub(tied_ns) / 50).saturating_mul(3));
+                let off = ticks.wrapping_sub(expected as u32) as i32;
+                (expected.saturating_add(off.into()), expected)
+            }
+        };
+        if unwrapped.saturating_sub(expected).abs() < TRUSTED {
+            self.tie = Some((unwrapped, arrival_ns));
+        }
+        nanoseconds(unwrapped)
+    }
+}
+
+/// Ticks × 50/3, to the nearest; thirds are never halfway.
+fn nanoseconds(ticks: i64) -> i64 {
+    let ns = (i128::from(ticks) * 100 + 3).div_euclid(6);
+    ns.clamp(i64::MIN.into(), i64::MAX.into()) as i64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const SECOND: i64 = 1_000_000_000;
+
+    #[test]
+    fn ticks_are_rounded_to_nanoseconds() {
+        for (ticks, ns) in [(0, 0), (1, 17), (2, 33), (3, 50), (60_000_000, SECOND), (-1, -17), (-2, -33), (i64::MAX, i64::MAX)] {
+            assert_eq!(nanoseconds(ticks), ns, "{ticks}");
+        }
+    }
+
+    #[test]
+    fn a_wild_reading_passes() {
+        for bit in 0..32 {
+            let mut clock = Clock::default();
+            let read = |clock: &mut Clock, ticks, at| clock.stamp_ns(ticks, at);
+            assert_eq!(read(&mut clock, 6_000_000, 5), SECOND / 10);
+            read(&mut clock, 0x007a_1200 ^ 1 << bit, 5 + SECOND / 30);
+            assert_eq!(read(&mut clock, 12_000_000, 5 + SECOND / 10), SECOND / 5, "bit {bit}");
+        }
+    }
+
+    proptest! {
+        /// Through gaps of up to ten minutes, with a late host.
+        #[test]
+        fn wraps_are_counted(start in any::<u32>(), gaps in prop::collection::vec((0_i64..600 * SECOND, 0_i64..SECOND / 4), 1..40)) {
+            let mut clock = Clock::default();
+            let (mut true_ticks, mut arrival) = (i64::from(start), 7);
+            prop_assert_eq!(clock.stamp_ns(start, arrival), nanoseconds(true_ticks));
+            for (gap, late) in gaps {
+                true_ticks += gap / 50 * 3;
+                arrival += gap;
+                prop_assert_eq!(clock.stamp_ns(true_ticks as u32, arrival + late), nanoseconds(true_ticks));
+            }
+        }
+
+        #[test]
+        fn nothing_panics(readings in prop::collection::vec((any::<u32>(), any::<i64>()), 0..20)) {
+            let mut clock = Clock::default();
+            for (ticks, arrival) in readings {
+                clock.stamp_ns(ticks, arrival);
+            }
+        }
+    }
+}
