@@ -20,7 +20,7 @@ import physinc
 from physinc.cli import main
 from physinc.streaming import DEMO
 
-SMALL = "width = 32\nheight = 16\ncx = 16\ncy = 8\n"
+SMALL = "width = 32\nheight = 16\nfx = 30\nfy = 30\ncx = 16\ncy = 8\n"
 Samples = NDArray[np.uint16]
 
 

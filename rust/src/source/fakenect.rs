@@ -37,7 +37,12 @@ impl Fakenect {
     /// No index, or a camera that can't be.
     pub fn open(folder: &Path, keys: &CameraConfig) -> Result<Self, SourceError> {
         let index = Index::open(folder, INDEX)?;
-        let camera = Camera::from_config(keys, DepthCode::Disparity { law: KINECT_DISPARITY_LAW })?;
+        // Its images don't say what they are: raw disparity, unless the camera's file speaks of depth.
+        let code = match keys.depth_scale {
+            Some(units_per_metre) if keys.disparity != Some(true) => DepthCode::Depth { units_per_metre },
+            _ => DepthCode::Disparity { law: KINECT_DISPARITY_LAW },
+        };
+        let camera = Camera::from_config(keys, code)?;
         let pixels = camera.width * camera.height;
         Ok(Self { index, camera, clock: Clock::default(), bytes: std::vec![0; 2 * pixels], samples: std::vec![0; pixels] })
     }
