@@ -174,7 +174,8 @@ mod tests {
     use proptest::prelude::*;
 
     fn read(content: &[u8]) -> Result<Vec<u8>, String> {
-        let keys = CameraConfig { width: Some(16), height: Some(16), ..CameraConfig::default() };
+        let lens = CameraConfig { fx: Some(20.0), fy: Some(20.0), cx: Some(7.5), cy: Some(7.5), ..CameraConfig::default() };
+        let keys = CameraConfig { width: Some(16), height: Some(16), ..lens };
         let camera = Camera::from_config(&keys, DepthCode::Depth { units_per_metre: 1000.0 }).unwrap();
         let mut samples = std::vec![0; 512];
         read_pgm(&mut &content[..], &camera, &mut samples).map(|()| samples)
