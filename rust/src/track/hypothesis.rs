@@ -23,7 +23,8 @@ pub const CHAIN: f64 = 0.05;
 const SMALLEST_IMPULSE: f64 = 0.4;
 /// How much of a supported object's acceleration friction may cause, m/s² (standard deviation).
 const FRICTION: f64 = 1.5;
-/// A real ball swings after an impact, m per m/s of impulse, and for so long, s. (A simulated one doesn't.)
+/// A real ball swings after an impact, m per m/s of impulse, and for so long, s. Set by looking at motion capture of soft juggling balls, for
+/// want of a source; simulated balls don't swing.
 pub const SWING: (f64, f64) = (6e-4, 0.1);
 
 /// What surrounds a motion: the same for all tracks of a stream.
