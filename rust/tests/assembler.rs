@@ -116,6 +116,13 @@ fn each_kind_of_loss_is_counted_as_it_is() {
     assert_eq!(outcome(|p| p.swap(at(1, 8), at(1, 9))), (all.clone(), [0, 0, 0]));
     assert_eq!(outcome(|p| p.swap(at(1, 8), at(1, 90))), (all.clone(), [0, 0, 0]));
     assert_eq!(outcome(|p| p.swap(at(1, 241), at(2, 0))), (all.clone(), [1, 1, 1]));
+    // Out of the frame before, where its sequence reads as this frame's, and the packet whose place it takes comes too late as well.
+    let late = |p: &mut Vec<(usize, Vec<u8>)>| {
+        let stale = p.remove(at(1, 226));
+        p.insert(at(1, 241), stale);
+        p.swap(at(2, 240), at(2, 241));
+    };
+    assert_eq!(outcome(late), (all.clone(), [2, 2, 2]));
 }
 
 #[test]
@@ -154,7 +161,7 @@ fn fault() -> impl Strategy<Value = Fault> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(60))]
+    #![proptest_config(ProptestConfig::with_cases(200))]
 
     #[test]
     fn samples_are_the_frames_own_or_missing(base in any::<u8>(), faults in prop::collection::vec((0_usize..6 * PACKETS, fault()), 0..30)) {

@@ -5,6 +5,9 @@
 //! place, or by the next frame's first packet right behind it. Frames shift against the sequence by 14 (10 bits: 36) each, so that
 //! after a gap of whole frames the ends don't meet for 128 (64) frames, over 2 s; and a silence of [`SILENCE_NS`] begins anew.
 //!
+//! A packet that is late, out of the frame before, reads as one far ahead in this one. What comes next tells: of two packets more than
+//! [`REACH`] places apart, the one ahead was not this frame's.
+//!
 //! Bits that flip inside a packet's samples can't be seen here: USB's checksum is for them. A flipped sequence is seen when the
 //! packet whose place was taken comes too: then neither is believed.
 
@@ -16,6 +19,9 @@ use crate::kinect::packet::{DEPTH_PAYLOAD, Header, Packet, PacketError, Place, S
 
 /// After so long without a packet the sequence no longer tells how many were lost, ns.
 pub const SILENCE_NS: i64 = 1_000_000_000;
+
+/// A packet comes at most so many places late: half a round of the sequence, so that the nearer of two readings is taken.
+const REACH: u8 = 128;
 
 /// The frame buffer has fewer bytes than a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,6 +58,19 @@ struct Current {
 impl Current {
     fn new(base: u8) -> Self {
         Self { base, present: PacketSet::default(), doubtful: PacketSet::default(), clashes: 0, front: 0, stamp: None }
+    }
+
+    /// Gives back the places too far ahead of a packet at `index`, and says how many packets came in vain.
+    fn disown(&mut self, index: u8) -> u64 {
+        let last = index.saturating_add(REACH);
+        if self.front <= last {
+            return 0;
+        }
+        let before = self.present.len();
+        (last + 1..=self.front).for_each(|ahead| self.present.remove(ahead));
+        self.front = last;
+        self.stamp = self.stamp.filter(|(at, _)| *at <= last);
+        (before - self.present.len()) as u64
     }
 }
 
@@ -174,6 +193,7 @@ impl<B: AsMut<[u8]>> Assembler<B> {
     /// Puts a packet in its place, if that is free.
     fn fill(&mut self, index: u8, header: Header, payload: &[u8]) {
         let Some(current) = &mut self.current else { return };
+        self.counters.packets_invalid += current.disown(index);
         let start = usize::from(index) * DEPTH_PAYLOAD;
         let Some(place) = self.buffer.as_mut().get_mut(start..start + payload.len()) else { return };
         if current.present.contains(index) {
