@@ -7,7 +7,8 @@ use crate::detect::foreground::{self, Coding, Frame, Sample};
 use crate::detect::noise::{Factors, Noise};
 use crate::detect::{Blob, Detection};
 use crate::error::ConfigError;
-use crate::geometry::camera::Camera;
+use crate::geometry::camera::{Camera, DepthCode};
+use crate::kinect::disparity::{HEIGHT, Packing, WIDTH};
 use core::ops::{Deref, DerefMut};
 use heapless::Vec;
 
@@ -21,6 +22,13 @@ pub enum Image<'a> {
     U16(&'a [u16]),
     /// Metres; NaN, 0 or less is no reading.
     F32(&'a [f32]),
+    /// Disparity as a Kinect v1 packs it, of a frame of its size.
+    Packed {
+        /// [`Packing::frame_bytes`] bytes.
+        packed: &'a [u8],
+        /// How it is packed.
+        packing: Packing,
+    },
 }
 
 /// Why an image can't be seen.
@@ -33,6 +41,15 @@ pub enum SeeError {
         /// Samples it has.
         found: usize,
     },
+    /// It does not have the bytes of a packed frame.
+    Bytes {
+        /// Bytes it should have.
+        expected: usize,
+        /// Bytes it has.
+        found: usize,
+    },
+    /// It is packed, but the camera's images are not disparity of 640 × 480 pixels.
+    Packed,
     /// The stream began with the other kind of samples.
     Kind,
 }
@@ -41,6 +58,8 @@ impl core::fmt::Display for SeeError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::Size { expected, found } => write!(f, "the image has {found} samples, the camera {expected} pixels"),
+            Self::Bytes { expected, found } => write!(f, "the packed frame has {found} bytes instead of {expected}"),
+            Self::Packed => write!(f, "only a camera of {WIDTH} × {HEIGHT} pixels of disparity packs its samples"),
             Self::Kind => write!(f, "a stream of integer samples can't change to floating point, nor back"),
         }
     }
@@ -83,6 +102,8 @@ impl<T> DerefMut for Slice<'_, T> {
 pub struct Sizes {
     /// Of `limits` and of `farthest`.
     pub pixels: usize,
+    /// Of `samples`: none where the images are not of the size that comes packed.
+    pub samples: usize,
     /// Of `depths`.
     pub depths: usize,
     /// Of `runs`; more of them, and more clutter is borne.
@@ -97,6 +118,8 @@ pub struct Buffers<'b> {
     pub limits: Slice<'b, u16>,
     /// For each pixel, the farthest reading while the background is learned.
     pub farthest: Slice<'b, u16>,
+    /// A packed frame's samples.
+    pub samples: Slice<'b, u16>,
     /// Depth of each disparity.
     pub depths: Slice<'b, f32>,
     /// Runs of foreground.
@@ -111,7 +134,8 @@ impl Buffers<'_> {
     /// Sizes for images of `width` × `height` pixels.
     pub const fn required(width: usize, height: usize) -> Sizes {
         let patch = PATCH + 16;
-        Sizes { pixels: width * height, depths: 2048, runs: width * height / 16 + 64, scores: patch * patch }
+        let samples = if width == WIDTH && height == HEIGHT { WIDTH * HEIGHT } else { 0 };
+        Sizes { pixels: width * height, samples, depths: 2048, runs: width * height / 16 + 64, scores: patch * patch }
     }
 }
 
@@ -123,6 +147,7 @@ impl Buffers<'static> {
         Self {
             limits: Slice::Owned(std::vec![0; sizes.pixels]),
             farthest: Slice::Owned(std::vec![0; sizes.pixels]),
+            samples: Slice::Owned(std::vec![0; sizes.samples]),
             depths: Slice::Owned(std::vec![0.0; sizes.depths]),
             runs: Slice::Owned(std::vec![Run::default(); sizes.runs]),
             scores: Slice::Owned(std::vec![[0.0; 5]; sizes.scores]),
@@ -161,6 +186,7 @@ impl<'b> Seeing<'b> {
         let sizes = Buffers::required(camera.width, camera.height);
         let enough = buffers.limits.len() >= sizes.pixels
             && buffers.farthest.len() >= sizes.pixels
+            && buffers.samples.len() >= sizes.samples
             && buffers.depths.len() >= sizes.depths
             && buffers.runs.len() >= sizes.runs
             && buffers.scores.len() >= sizes.scores
@@ -202,6 +228,16 @@ impl<'b> Seeing<'b> {
         let (found, floating) = match image {
             Image::U16(samples) => (samples.len(), false),
             Image::F32(samples) => (samples.len(), true),
+            Image::Packed { packed, packing } => {
+                let disparity = matches!(self.camera.code, DepthCode::Disparity { .. });
+                if !disparity || (self.camera.width, self.camera.height) != (WIDTH, HEIGHT) {
+                    return Err(SeeError::Packed);
+                }
+                if packed.len() != packing.frame_bytes() {
+                    return Err(SeeError::Bytes { expected: packing.frame_bytes(), found: packed.len() });
+                }
+                (WIDTH * HEIGHT, false)
+            }
         };
         let expected = self.camera.width * self.camera.height;
         if found != expected {
@@ -221,12 +257,21 @@ impl<'b> Seeing<'b> {
         match image {
             Image::U16(samples) => self.see_samples(samples, detections),
             Image::F32(samples) => self.see_samples(samples, detections),
+            Image::Packed { packed, packing } => {
+                let mut buffer = core::mem::replace(&mut self.buffers.samples, Slice::Borrowed(&mut []));
+                if let Some(samples) = buffer.get_mut(..WIDTH * HEIGHT) {
+                    // Its size was checked.
+                    let _ = packing.unpack(packed, samples);
+                    self.see_samples(samples, detections);
+                }
+                self.buffers.samples = buffer;
+            }
         }
         Ok(())
     }
 
     fn see_samples<S: Sample>(&mut self, samples: &[S], detections: &mut Vec<Detection, 16>) {
-        let Buffers { limits, farthest, depths, runs, scores, cap } = &mut self.buffers;
+        let Buffers { limits, farthest, depths, runs, scores, cap, .. } = &mut self.buffers;
         let pixels = samples.len();
         let (Some(limits), Some(farthest)) = (limits.get_mut(..pixels), farthest.get_mut(..pixels)) else { return };
         if self.seen == 0 {

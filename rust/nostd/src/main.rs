@@ -39,6 +39,7 @@ fn sees_a_ball() -> Option<bool> {
     let buffers = Buffers {
         limits: Slice::Borrowed(&mut limits),
         farthest: Slice::Borrowed(&mut farthest),
+        samples: Slice::Borrowed(&mut []),
         depths: Slice::Borrowed(&mut depths),
         runs: Slice::Borrowed(&mut runs),
         scores: Slice::Borrowed(&mut scores),
