@@ -56,7 +56,7 @@ impl Source for Tum {
             let entry = line.split_once(char::is_whitespace).and_then(|(t, name)| Some((decimal::nanoseconds(t)?, name.trim_start())));
             let (timestamp_ns, name) =
                 entry.ok_or_else(|| self.index.malformed(format!("{line:?} is not `timestamp filename`, the timestamp in seconds")))?;
-            let image = self.index.image(name)?;
+            let Some(image) = self.index.image(name)? else { continue };
             read_png(image, &self.camera, &mut self.bytes).map_err(|what| self.index.malformed(format!("{name:?}: {what}")))?;
             for (sample, bytes) in self.samples.iter_mut().zip(self.bytes.chunks_exact(2)) {
                 *sample = u16::from_be_bytes([bytes[0], bytes[1]]);
