@@ -55,8 +55,6 @@ fn makes_sense(detection: &Detection) -> bool {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(100))]
-
     #[test]
     fn any_images_give_detections_that_make_sense(
         images in prop::collection::vec(arbitrary_image(), 1..5),

@@ -5,6 +5,7 @@
 
 mod csv;
 mod decimal;
+mod depth_png;
 mod error;
 mod fakenect;
 mod folder;
@@ -18,6 +19,7 @@ mod ticks;
 mod tum;
 
 pub use self::csv::Csv;
+pub use depth_png::read_png;
 pub use error::SourceError;
 pub use fakenect::Fakenect;
 pub use npz::Npz;
