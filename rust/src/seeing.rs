@@ -9,7 +9,7 @@ use crate::detect::{Blob, Detection};
 use crate::error::ConfigError;
 use crate::geometry::camera::{Camera, DepthCode};
 use crate::kinect::disparity::{HEIGHT, Packing, WIDTH};
-use core::ops::{Deref, DerefMut};
+use core::ops::{Deref, DerefMut, Range};
 use heapless::Vec;
 
 /// Smallest component that is looked at, px: below it, depth says too little of a ball.
@@ -94,6 +94,12 @@ impl<T> DerefMut for Slice<'_, T> {
             #[cfg(feature = "std")]
             Self::Owned(slice) => slice,
         }
+    }
+}
+
+impl<T> AsMut<[T]> for Slice<'_, T> {
+    fn as_mut(&mut self) -> &mut [T] {
+        self
     }
 }
 
@@ -251,18 +257,27 @@ impl<'b> Seeing<'b> {
     /// # Errors
     /// The image is not the camera's. Nothing has changed then.
     pub fn see(&mut self, image: Image<'_>, detections: &mut Vec<Detection, 16>) -> Result<(), SeeError> {
+        self.see_holed(image, &[], detections)
+    }
+
+    /// Finds the balls of a frame some of whose samples are `missing`: ascending ranges, row by row. They show nothing, and say nothing of a
+    /// ball's silhouette.
+    ///
+    /// # Errors
+    /// As of [`Seeing::see`].
+    pub fn see_holed(&mut self, image: Image<'_>, missing: &[Range<usize>], detections: &mut Vec<Detection, 16>) -> Result<(), SeeError> {
         detections.clear();
         self.check(image)?;
         self.floating = Some(matches!(image, Image::F32(_)));
         match image {
-            Image::U16(samples) => self.see_samples(samples, detections),
-            Image::F32(samples) => self.see_samples(samples, detections),
+            Image::U16(samples) => self.see_samples(samples, missing, detections),
+            Image::F32(samples) => self.see_samples(samples, missing, detections),
             Image::Packed { packed, packing } => {
                 let mut buffer = core::mem::replace(&mut self.buffers.samples, Slice::Borrowed(&mut []));
                 if let Some(samples) = buffer.get_mut(..WIDTH * HEIGHT) {
                     // Its size was checked.
                     let _ = packing.unpack(packed, samples);
-                    self.see_samples(samples, detections);
+                    self.see_samples(samples, missing, detections);
                 }
                 self.buffers.samples = buffer;
             }
@@ -270,7 +285,7 @@ impl<'b> Seeing<'b> {
         Ok(())
     }
 
-    fn see_samples<S: Sample>(&mut self, samples: &[S], detections: &mut Vec<Detection, 16>) {
+    fn see_samples<S: Sample>(&mut self, samples: &[S], missing: &[Range<usize>], detections: &mut Vec<Detection, 16>) {
         let Buffers { limits, farthest, depths, runs, scores, cap, .. } = &mut self.buffers;
         let pixels = samples.len();
         let (Some(limits), Some(farthest)) = (limits.get_mut(..pixels), farthest.get_mut(..pixels)) else { return };
@@ -289,7 +304,7 @@ impl<'b> Seeing<'b> {
         if learning {
             return;
         }
-        let frame = Frame { samples, limits, depths, coding: self.coding };
+        let frame = Frame { samples, limits, depths, coding: self.coding, missing };
         let smallest = self.radii.iter().copied().fold(f64::INFINITY, f64::min);
         let Ok(count) = connect(&frame, self.camera.width, View::<S>::jump(smallest), self.noise, runs) else {
             self.cluttered += 1;
@@ -299,6 +314,11 @@ impl<'b> Seeing<'b> {
             let Some(component) = run.component(index).filter(|c| c.pixels >= FEWEST_PIXELS) else { continue };
             let view = |radius| View { frame: &frame, camera: &self.camera, noise: self.noise, factors: self.factors, radius };
             let Some(found) = look(view, &self.radii, component, scores, cap) else { continue };
+            // Two pieces of one ball, on both sides of a hole.
+            let is_known = |known: &Detection| (known.center - found.detection.center).norm() < known.radius;
+            if !missing.is_empty() && detections.iter().any(is_known) {
+                continue;
+            }
             if found.detection.blob == Blob::Whole {
                 self.factors.cap.learn(found.cap_ratio);
                 self.factors.outline.learn(found.outline_ratio);
@@ -328,7 +348,13 @@ fn look<'v, S: Sample + 'v>(
     if !(0.25..4.0).contains(&ratio(radius)) {
         return None;
     }
-    view(radius).fit(start(radius), component.pixels, scores, cap)
+    let view = view(radius);
+    let found = view.fit(start(radius), component.pixels, scores, cap)?;
+    if view.frame.missing.is_empty() {
+        return Some(found);
+    }
+    // A hole may leave only a piece of the ball, whose middle is not the ball's: begin again at what the piece led to.
+    view.fit(found.detection.center, component.pixels, scores, cap)
 }
 
 #[cfg(test)]
