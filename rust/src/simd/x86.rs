@@ -21,6 +21,18 @@ fn table<T, const N: usize>(values: &[T; N]) -> __m128i {
     unsafe { _mm_loadu_si128(values.as_ptr().cast()) }
 }
 
+/// A table of bytes for both halves of a register: the first half's bytes come as late as a group can end.
+const fn late<const BITS: usize>(bytes: [u8; 16]) -> [u8; 32] {
+    let mut both = [0; 32];
+    let mut i = 0;
+    while i < 16 {
+        both[i] = if bytes[i] < 16 { bytes[i] + 16 - BITS as u8 } else { bytes[i] };
+        both[16 + i] = bytes[i];
+        i += 1;
+    }
+    both
+}
+
 /// # Safety
 /// The processor has SSSE3; `groups` are in both slices.
 #[target_feature(enable = "ssse3")]
@@ -52,8 +64,9 @@ pub unsafe fn unpack_ssse3<const BITS: usize>(packed: &[u8], samples: &mut [u16]
 pub unsafe fn unpack_avx2<const BITS: usize>(packed: &[u8], samples: &mut [u16], groups: &Range<usize>) -> Range<usize> {
     // Of the 32 bytes that are read, the first half ends with one group, and the second begins with the next.
     let early = 16 - BITS;
-    let pairs = both_halves(Layout::<BITS>::PAIRS, early);
-    let thirds = both_halves(Layout::<BITS>::THIRDS, early);
+    let tables = const { [late::<BITS>(Layout::<BITS>::PAIRS), late::<BITS>(Layout::<BITS>::THIRDS)] };
+    // SAFETY: each table has 32 bytes.
+    let [pairs, thirds] = [0, 1].map(|i: usize| unsafe { _mm256_loadu_si256(tables[i].as_ptr().cast()) });
     let left = _mm256_broadcastsi128_si256(table(&Layout::<BITS>::FACTORS));
     let readable = super::readable::<BITS>(packed, groups);
     let start = readable.start.max(usize::from(readable.start < readable.end));
@@ -76,12 +89,4 @@ pub unsafe fn unpack_avx2<const BITS: usize>(packed: &[u8], samples: &mut [u16],
         }
     }
     groups
-}
-
-/// A table of bytes for both halves of a register: the first half looks for its bytes `late` bytes later.
-#[target_feature(enable = "avx2")]
-#[inline]
-fn both_halves(bytes: [u8; 16], late: usize) -> __m256i {
-    let later = bytes.map(|byte| if byte < 16 { byte + late as u8 } else { byte });
-    _mm256_set_m128i(table(&bytes), table(&later))
 }
