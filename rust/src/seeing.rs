@@ -26,6 +26,15 @@ pub struct Band {
     pub balls: usize,
 }
 
+/// What is known of a frame before it is seen.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Scope<'s> {
+    /// Samples that are missing: ascending ranges, row by row. They show nothing, and say nothing of a ball's silhouette.
+    pub missing: &'s [Range<usize>],
+    /// Where balls are expected: ascending, apart from each other. None is the whole image.
+    pub bands: &'s [Band],
+}
+
 /// One depth image, row by row.
 #[derive(Clone, Copy, Debug)]
 pub enum Image<'a> {
@@ -105,6 +114,12 @@ impl<T> DerefMut for Slice<'_, T> {
             #[cfg(feature = "std")]
             Self::Owned(slice) => slice,
         }
+    }
+}
+
+impl<T> AsMut<[T]> for Slice<'_, T> {
+    fn as_mut(&mut self) -> &mut [T] {
+        self
     }
 }
 
@@ -268,49 +283,48 @@ impl<'b> Seeing<'b> {
     /// # Errors
     /// The image is not the camera's. Nothing has changed then.
     pub fn see(&mut self, image: Image<'_>, detections: &mut Vec<Detection, 16>) -> Result<(), SeeError> {
-        self.see_in(image, &[], detections).map(|_| ())
+        self.see_in(image, Scope::default(), detections).map(|_| ())
     }
 
-    /// Finds the balls that lie wholly in `bands`, which ascend and are apart from each other; just as they would be found in the whole image. Where
-    /// a band does not have the whole balls that it should, and where there is no band, it is the whole image that is searched: then it returns
-    /// true.
+    /// Finds the balls that lie wholly in the bands of `scope`, just as they would be found in the whole image. Where a band does not show as many
+    /// whole balls as it should, or there is none, the whole image is searched: then it returns true.
     ///
     /// # Errors
     /// As of [`Seeing::see`].
-    pub fn see_in(&mut self, image: Image<'_>, bands: &[Band], detections: &mut Vec<Detection, 16>) -> Result<bool, SeeError> {
+    pub fn see_in(&mut self, image: Image<'_>, scope: Scope<'_>, detections: &mut Vec<Detection, 16>) -> Result<bool, SeeError> {
         detections.clear();
         self.check(image)?;
         self.floating = Some(matches!(image, Image::F32(_)));
         let width = self.camera.width;
         Ok(match image {
-            Image::U16(samples) => self.see_source(Plain { samples, width }, bands, detections),
-            Image::F32(samples) => self.see_source(Plain { samples, width }, bands, detections),
+            Image::U16(samples) => self.see_source(Plain { samples, width }, scope, detections),
+            Image::F32(samples) => self.see_source(Plain { samples, width }, scope, detections),
             Image::Packed { packed, packing } => {
                 let mut samples = core::mem::replace(&mut self.buffers.samples, Slice::Borrowed(&mut []));
                 let whole = samples
                     .get_mut(..WIDTH * HEIGHT)
-                    .is_none_or(|samples| self.see_source(Packed { bytes: packed, packing, samples }, bands, detections));
+                    .is_none_or(|samples| self.see_source(Packed { bytes: packed, packing, samples }, scope, detections));
                 self.buffers.samples = samples;
                 whole
             }
         })
     }
 
-    fn see_source<S: Sample>(&mut self, mut source: impl Source<S>, bands: &[Band], detections: &mut Vec<Detection, 16>) -> bool {
+    fn see_source<S: Sample>(&mut self, mut source: impl Source<S>, scope: Scope<'_>, detections: &mut Vec<Detection, 16>) -> bool {
         if self.learns(&mut source) {
             return true;
         }
         let mut found = Vec::new();
-        let narrow = !bands.is_empty()
-            && bands.iter().all(|band| {
+        let narrow = !scope.bands.is_empty()
+            && scope.bands.iter().all(|band| {
                 let before = found.len();
-                let complete = self.search(&mut source, &band.rows, &mut found) == Ok(true);
+                let complete = self.search(&mut source, &band.rows, scope.missing, &mut found) == Ok(true);
                 let whole = found.iter().skip(before).filter(|ball| ball.detection.blob == Blob::Whole).count();
                 complete && whole >= band.balls
             });
         if !narrow {
             found.clear();
-            self.cluttered += u64::from(self.search(&mut source, &(0..self.camera.height), &mut found).is_err());
+            self.cluttered += u64::from(self.search(&mut source, &(0..self.camera.height), scope.missing, &mut found).is_err());
         }
         for ball in found {
             if ball.detection.blob == Blob::Whole {
@@ -348,6 +362,7 @@ impl<'b> Seeing<'b> {
         &mut self,
         source: &mut impl Source<S>,
         rows: &Range<usize>,
+        missing: &[Range<usize>],
         found: &mut Vec<Found, 16>,
     ) -> Result<bool, Cluttered> {
         let Buffers { limits, marks, depths, runs, scores, cap, .. } = &mut self.buffers;
@@ -364,7 +379,7 @@ impl<'b> Seeing<'b> {
         );
         let (first, end) = (rows.start * width, rows.end * width);
         let Some(samples) = source.samples().get(first..end) else { return Ok(false) };
-        let frame = Frame { samples, first, asked_beyond: Cell::new(false), limits, depths, coding: self.coding };
+        let frame = Frame { samples, first, asked_beyond: Cell::new(false), limits, depths, coding: self.coding, missing };
         let smallest = self.radii.iter().copied().fold(f64::INFINITY, f64::min);
         let count = connect(&frame, width, rows.start, marks, View::<S>::jump(smallest), self.noise, runs)?;
         // What touches the first or the last row may go on beyond.
@@ -374,6 +389,11 @@ impl<'b> Seeing<'b> {
         for component in components.filter(|c| c.pixels >= FEWEST_PIXELS && c.rows.iter().all(|row| inside(*row))) {
             let view = |radius| View { frame: &frame, camera: &self.camera, noise: self.noise, factors: self.factors, radius };
             let Some(ball) = look(view, &self.radii, component, scores, cap) else { continue };
+            // Two pieces of one ball, on both sides of a hole.
+            let is_known = |known: &Found| (known.detection.center - ball.detection.center).norm() < known.detection.radius;
+            if !missing.is_empty() && found.iter().any(is_known) {
+                continue;
+            }
             if found.push(ball).is_err() {
                 break;
             }
@@ -446,7 +466,13 @@ fn look<'v, S: Sample + 'v>(
     if !(0.25..4.0).contains(&ratio(radius)) {
         return None;
     }
-    view(radius).fit(start(radius), component.pixels, scores, cap)
+    let view = view(radius);
+    let found = view.fit(start(radius), component.pixels, scores, cap)?;
+    if view.frame.missing.is_empty() {
+        return Some(found);
+    }
+    // A hole may leave only a piece of the ball, whose middle is not the ball's: begin again at what the piece led to.
+    view.fit(found.detection.center, component.pixels, scores, cap)
 }
 
 #[cfg(test)]
