@@ -8,7 +8,7 @@ use crate::geometry::camera::{Camera, DepthCode, Pose};
 use crate::kinect::disparity::{HEIGHT, Packing, WIDTH};
 use crate::kinect::packet::FRAMES_PER_SECOND;
 use crate::reasoning::{Predictor, Reasoning};
-use crate::seeing::{Buffers, Image, SeeError, Seeing, Slice};
+use crate::seeing::{Buffers, Image, Scope, SeeError, Seeing, Slice};
 use crate::stream::assembler::Assembler;
 use crate::stream::frame;
 use crate::time::{after, seconds_between};
@@ -154,7 +154,7 @@ impl<'b> Engine<'b> {
             gaps[1] = Some(packets_lost(before, timestamp_ns, core::mem::take(&mut self.untold), loss.missing));
         }
         let mut detections: Vec<Detection, 16> = Vec::new();
-        seeing.see_holed(image, loss.missing, &mut detections)?;
+        seeing.see_in(image, Scope { missing: loss.missing, bands: &[] }, &mut detections)?;
         let pose = self.reasoning.world_from_camera();
         let readout = camera.readout / (camera.height as f64 - 1.0);
         let measured: Vec<Measurement, 16> = detections

@@ -65,6 +65,7 @@ pub mod scene;
 pub mod seeing;
 #[cfg(feature = "sim")]
 pub mod sim;
+pub mod simd;
 #[cfg(feature = "std")]
 pub mod source;
 pub mod stream;
