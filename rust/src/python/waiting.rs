@@ -19,7 +19,8 @@ pub fn wait_for<T: Send + 'static>(py: Python<'_>, work: impl FnOnce() -> T + Se
                 Err(RecvTimeoutError::Disconnected) => {
                     return Err(PhysincError::new_err("physinc made a mistake while opening (the panic is on stderr); please report it"));
                 }
-                Err(RecvTimeoutError::Timeout) => Python::attach(Python::check_signals)?,
+                #[allow(clippy::redundant_closure_for_method_calls)] // The method by itself is not of every lifetime.
+                Err(RecvTimeoutError::Timeout) => Python::attach(|py| py.check_signals())?,
             }
         }
     })
