@@ -4,6 +4,7 @@
 
 pub mod body;
 pub mod impact;
+mod many;
 pub mod noise;
 pub mod parameters;
 pub mod path;

@@ -17,6 +17,8 @@ pub enum Kind {
     Room,
     /// Two balls at a time that cross in the image.
     TwoBalls,
+    /// Many balls at a time that cross, hide each other and bounce.
+    Many,
     /// Flights that touch nothing.
     PassiveFlight,
     /// A ball let go, which bounces until it lies still.
@@ -26,10 +28,11 @@ pub enum Kind {
 }
 
 /// Every scene by its name, with what it is.
-pub const SCENES: [(&str, Kind); 6] = [
+pub const SCENES: [(&str, Kind); 7] = [
     ("bounce", Kind::Bounce),
     ("room", Kind::Room),
     ("two_balls", Kind::TwoBalls),
+    ("many", Kind::Many),
     ("passive_flight", Kind::PassiveFlight),
     ("drop", Kind::Drop),
     ("roll", Kind::Roll),
@@ -67,8 +70,10 @@ const ANY: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 parameters! {
     /// Of all that is random: the same seed gives the same bytes.
     seed: u64 = 1, [0.0, 1.8e19];
-    /// Throws, or pairs of them.
+    /// Throws, or pairs of them, or rounds.
     throws: u32 = 6, [1.0, 1000.0];
+    /// Balls of a round, where there are many at once.
+    balls: u32 = 8, [1.0, 12.0];
     /// From the lens to the middle of the scene, m.
     distance: f64 = 1.75, [0.8, 4.0];
     /// Of the lens over the floor where the camera looks horizontally, m.
@@ -167,6 +172,7 @@ impl Parameters {
             Kind::Bounce => base,
             Kind::Room => Self { tilt_deg: 20.0, ..base },
             Kind::TwoBalls => Self { throws: 3, ..base },
+            Kind::Many => Self { throws: 2, ..base },
             Kind::PassiveFlight => Self { throws: 10, ..base },
             Kind::Drop | Kind::Roll => Self { throws: 1, ..base },
         }
