@@ -9,9 +9,11 @@ export VIRTUAL_ENV := $(CURDIR)/.venv
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_QUIET := 1
+# Property tests try the same cases everywhere; `make fuzz` looks for new ones.
+export PROPTEST_RNG_SEED ?= 2017
 unexport CONDA_PREFIX PYTHONPATH PYTHONHOME
 
-.PHONY: help demo test test-rust test-python bench measures lint format clean
+.PHONY: help demo test test-rust test-python bench measures fuzz lint format clean
 
 help:  ## what can be made
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 20
@@ -34,9 +36,14 @@ bench: .venv/.bench  ## time: a frame and a position beside memcpy, numpy and Op
 measures: .venv/.tools  ## accuracy of simulated scenes, against their truth
 	cargo bench --locked --bench accuracy
 
+fuzz:  ## a minute of each fuzz target (SECONDS=60), then the property tests on new cases
+	rust/fuzz/run $(or $(SECONDS),60)
+	env -u PROPTEST_RNG_SEED PROPTEST_CASES=2000 cargo test --locked --release --lib --test assembler --test reasoning --test seeing
+
 lint: .venv/.installed  ## formats, clippy, ruff, mypy and stubtest; warnings are errors
 	cargo fmt --check
 	cargo fmt --check --manifest-path rust/nostd/Cargo.toml
+	cargo fmt --check --manifest-path rust/fuzz/Cargo.toml
 	cargo clippy --locked --all-targets -- -D warnings
 	cargo clippy --locked --lib --no-default-features -- -D warnings
 	cargo clippy --locked --lib --features python -- -D warnings

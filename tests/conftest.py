@@ -7,9 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import settings
 from numpy.typing import NDArray
 
 GRAVITY = 9.81
+
+# The same cases on every machine; `pytest --hypothesis-profile=default` looks for others.
+settings.register_profile("same", derandomize=True)
+settings.load_profile("same")
 
 
 def trajectory(bounces: int = 3, rate: float = 100.0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -177,7 +177,7 @@ def test_a_png_that_claims_much_costs_no_memory(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("index", "message"),
     [
-        ("d-1.0-0.pgm\nd-1.1-5.pgm\n", "line 2: .*is missing"),
+        ("d-1.1-5.pgm\nd-1.0-0.pgm\n", "line 1: .*is missing"),
         ("../d-1.0-0.pgm\n", "leaves the folder"),
         ("/etc/d-1.0-0.pgm\n", "leaves the folder"),
         ("d-now-0.pgm\n", "tells no time"),
@@ -216,6 +216,21 @@ def test_an_index_that_is_not_what_it_should_be(tmp_path: Path, index: str, mess
 )
 def test_a_depth_txt_that_is_not_what_it_should_be(tmp_path: Path, index: str, message: str) -> None:
     assert message in refusal(tum(tmp_path / "rec", {"1.0": png(wall(1)[0])}, index))
+
+
+@pytest.mark.parametrize("layout", ["fakenect", "tum"])
+def test_a_missing_image_is_a_frame_lost(tmp_path: Path, layout: str) -> None:
+    if layout == "fakenect":
+        folder = fakenect(tmp_path / "rec", {f"d-{i}.0-{2_000_000 * i}.pgm": pgm(frame) for i, frame in enumerate(wall(12))})
+        (folder / "d-8.0-16000000.pgm").unlink()
+    else:
+        folder = tum(tmp_path / "rec", {f"1.{i:02}": png(frame) for i, frame in enumerate(wall(12))})
+        (folder / "depth" / "1.08.png").unlink()
+    events = list(physinc.stream(folder))
+    assert [(gap.reason, gap.frames) for gap in events if isinstance(gap, physinc.Gap)] == [("frames_lost", 1)]
+    end = events[-1]
+    assert isinstance(end, physinc.StreamEnded)
+    assert (end.reason, end.counters.frames) == ("end_of_source", 11)
 
 
 def test_a_pipe_in_a_folder_is_not_waited_for(tmp_path: Path) -> None:

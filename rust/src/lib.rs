@@ -43,6 +43,8 @@
 #[cfg(feature = "std")]
 extern crate std;
 
+#[cfg(feature = "std")]
+pub mod capture;
 pub mod config;
 #[cfg(feature = "std")]
 pub mod config_file;

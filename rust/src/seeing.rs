@@ -7,8 +7,9 @@ use crate::detect::foreground::{self, Coding, Frame, Sample};
 use crate::detect::noise::{Factors, Noise};
 use crate::detect::{Blob, Detection};
 use crate::error::ConfigError;
-use crate::geometry::camera::Camera;
-use core::ops::{Deref, DerefMut};
+use crate::geometry::camera::{Camera, DepthCode};
+use crate::kinect::disparity::{HEIGHT, Packing, WIDTH};
+use core::ops::{Deref, DerefMut, Range};
 use heapless::Vec;
 
 /// Smallest component that is looked at, px: below it, depth says too little of a ball.
@@ -21,6 +22,13 @@ pub enum Image<'a> {
     U16(&'a [u16]),
     /// Metres; NaN, 0 or less is no reading.
     F32(&'a [f32]),
+    /// Disparity as a Kinect v1 packs it, of a frame of its size.
+    Packed {
+        /// [`Packing::frame_bytes`] bytes.
+        packed: &'a [u8],
+        /// How it is packed.
+        packing: Packing,
+    },
 }
 
 /// Why an image can't be seen.
@@ -33,6 +41,15 @@ pub enum SeeError {
         /// Samples it has.
         found: usize,
     },
+    /// It does not have the bytes of a packed frame.
+    Bytes {
+        /// Bytes it should have.
+        expected: usize,
+        /// Bytes it has.
+        found: usize,
+    },
+    /// It is packed, but the camera's images are not disparity of 640 × 480 pixels.
+    Packed,
     /// The stream began with the other kind of samples.
     Kind,
 }
@@ -41,6 +58,8 @@ impl core::fmt::Display for SeeError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::Size { expected, found } => write!(f, "the image has {found} samples, the camera {expected} pixels"),
+            Self::Bytes { expected, found } => write!(f, "the packed frame has {found} bytes instead of {expected}"),
+            Self::Packed => write!(f, "only a camera of {WIDTH} × {HEIGHT} pixels of disparity packs its samples"),
             Self::Kind => write!(f, "a stream of integer samples can't change to floating point, nor back"),
         }
     }
@@ -78,11 +97,19 @@ impl<T> DerefMut for Slice<'_, T> {
     }
 }
 
+impl<T> AsMut<[T]> for Slice<'_, T> {
+    fn as_mut(&mut self) -> &mut [T] {
+        self
+    }
+}
+
 /// How many elements each buffer must have, at least.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sizes {
     /// Of `limits` and of `farthest`.
     pub pixels: usize,
+    /// Of `samples`: none where the images are not of the size that comes packed.
+    pub samples: usize,
     /// Of `depths`.
     pub depths: usize,
     /// Of `runs`; more of them, and more clutter is borne.
@@ -97,6 +124,8 @@ pub struct Buffers<'b> {
     pub limits: Slice<'b, u16>,
     /// For each pixel, the farthest reading while the background is learned.
     pub farthest: Slice<'b, u16>,
+    /// A packed frame's samples.
+    pub samples: Slice<'b, u16>,
     /// Depth of each disparity.
     pub depths: Slice<'b, f32>,
     /// Runs of foreground.
@@ -111,7 +140,8 @@ impl Buffers<'_> {
     /// Sizes for images of `width` × `height` pixels.
     pub const fn required(width: usize, height: usize) -> Sizes {
         let patch = PATCH + 16;
-        Sizes { pixels: width * height, depths: 2048, runs: width * height / 16 + 64, scores: patch * patch }
+        let samples = if width == WIDTH && height == HEIGHT { WIDTH * HEIGHT } else { 0 };
+        Sizes { pixels: width * height, samples, depths: 2048, runs: width * height / 16 + 64, scores: patch * patch }
     }
 }
 
@@ -123,6 +153,7 @@ impl Buffers<'static> {
         Self {
             limits: Slice::Owned(std::vec![0; sizes.pixels]),
             farthest: Slice::Owned(std::vec![0; sizes.pixels]),
+            samples: Slice::Owned(std::vec![0; sizes.samples]),
             depths: Slice::Owned(std::vec![0.0; sizes.depths]),
             runs: Slice::Owned(std::vec![Run::default(); sizes.runs]),
             scores: Slice::Owned(std::vec![[0.0; 5]; sizes.scores]),
@@ -161,6 +192,7 @@ impl<'b> Seeing<'b> {
         let sizes = Buffers::required(camera.width, camera.height);
         let enough = buffers.limits.len() >= sizes.pixels
             && buffers.farthest.len() >= sizes.pixels
+            && buffers.samples.len() >= sizes.samples
             && buffers.depths.len() >= sizes.depths
             && buffers.runs.len() >= sizes.runs
             && buffers.scores.len() >= sizes.scores
@@ -202,6 +234,16 @@ impl<'b> Seeing<'b> {
         let (found, floating) = match image {
             Image::U16(samples) => (samples.len(), false),
             Image::F32(samples) => (samples.len(), true),
+            Image::Packed { packed, packing } => {
+                let disparity = matches!(self.camera.code, DepthCode::Disparity { .. });
+                if !disparity || (self.camera.width, self.camera.height) != (WIDTH, HEIGHT) {
+                    return Err(SeeError::Packed);
+                }
+                if packed.len() != packing.frame_bytes() {
+                    return Err(SeeError::Bytes { expected: packing.frame_bytes(), found: packed.len() });
+                }
+                (WIDTH * HEIGHT, false)
+            }
         };
         let expected = self.camera.width * self.camera.height;
         if found != expected {
@@ -215,18 +257,36 @@ impl<'b> Seeing<'b> {
     /// # Errors
     /// The image is not the camera's. Nothing has changed then.
     pub fn see(&mut self, image: Image<'_>, detections: &mut Vec<Detection, 16>) -> Result<(), SeeError> {
+        self.see_holed(image, &[], detections)
+    }
+
+    /// Finds the balls of a frame some of whose samples are `missing`: ascending ranges, row by row. They show nothing, and say nothing of a
+    /// ball's silhouette.
+    ///
+    /// # Errors
+    /// As of [`Seeing::see`].
+    pub fn see_holed(&mut self, image: Image<'_>, missing: &[Range<usize>], detections: &mut Vec<Detection, 16>) -> Result<(), SeeError> {
         detections.clear();
         self.check(image)?;
         self.floating = Some(matches!(image, Image::F32(_)));
         match image {
-            Image::U16(samples) => self.see_samples(samples, detections),
-            Image::F32(samples) => self.see_samples(samples, detections),
+            Image::U16(samples) => self.see_samples(samples, missing, detections),
+            Image::F32(samples) => self.see_samples(samples, missing, detections),
+            Image::Packed { packed, packing } => {
+                let mut buffer = core::mem::replace(&mut self.buffers.samples, Slice::Borrowed(&mut []));
+                if let Some(samples) = buffer.get_mut(..WIDTH * HEIGHT) {
+                    // Its size was checked.
+                    let _ = packing.unpack(packed, samples);
+                    self.see_samples(samples, missing, detections);
+                }
+                self.buffers.samples = buffer;
+            }
         }
         Ok(())
     }
 
-    fn see_samples<S: Sample>(&mut self, samples: &[S], detections: &mut Vec<Detection, 16>) {
-        let Buffers { limits, farthest, depths, runs, scores, cap } = &mut self.buffers;
+    fn see_samples<S: Sample>(&mut self, samples: &[S], missing: &[Range<usize>], detections: &mut Vec<Detection, 16>) {
+        let Buffers { limits, farthest, depths, runs, scores, cap, .. } = &mut self.buffers;
         let pixels = samples.len();
         let (Some(limits), Some(farthest)) = (limits.get_mut(..pixels), farthest.get_mut(..pixels)) else { return };
         if self.seen == 0 {
@@ -244,7 +304,7 @@ impl<'b> Seeing<'b> {
         if learning {
             return;
         }
-        let frame = Frame { samples, limits, depths, coding: self.coding };
+        let frame = Frame { samples, limits, depths, coding: self.coding, missing };
         let smallest = self.radii.iter().copied().fold(f64::INFINITY, f64::min);
         let Ok(count) = connect(&frame, self.camera.width, View::<S>::jump(smallest), self.noise, runs) else {
             self.cluttered += 1;
@@ -254,6 +314,11 @@ impl<'b> Seeing<'b> {
             let Some(component) = run.component(index).filter(|c| c.pixels >= FEWEST_PIXELS) else { continue };
             let view = |radius| View { frame: &frame, camera: &self.camera, noise: self.noise, factors: self.factors, radius };
             let Some(found) = look(view, &self.radii, component, scores, cap) else { continue };
+            // Two pieces of one ball, on both sides of a hole.
+            let is_known = |known: &Detection| (known.center - found.detection.center).norm() < known.radius;
+            if !missing.is_empty() && detections.iter().any(is_known) {
+                continue;
+            }
             if found.detection.blob == Blob::Whole {
                 self.factors.cap.learn(found.cap_ratio);
                 self.factors.outline.learn(found.outline_ratio);
@@ -283,7 +348,13 @@ fn look<'v, S: Sample + 'v>(
     if !(0.25..4.0).contains(&ratio(radius)) {
         return None;
     }
-    view(radius).fit(start(radius), component.pixels, scores, cap)
+    let view = view(radius);
+    let found = view.fit(start(radius), component.pixels, scores, cap)?;
+    if view.frame.missing.is_empty() {
+        return Some(found);
+    }
+    // A hole may leave only a piece of the ball, whose middle is not the ball's: begin again at what the piece led to.
+    view.fit(found.detection.center, component.pixels, scores, cap)
 }
 
 #[cfg(test)]

@@ -161,8 +161,6 @@ fn fault() -> impl Strategy<Value = Fault> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(200))]
-
     #[test]
     fn samples_are_the_frames_own_or_missing(base in any::<u8>(), faults in prop::collection::vec((0_usize..6 * PACKETS, fault()), 0..30)) {
         let mut sent: Vec<_> = packets(6, base).into_iter().enumerate().map(|(i, packet)| (i / PACKETS, packet)).collect();

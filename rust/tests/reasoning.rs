@@ -52,8 +52,6 @@ prop_compose! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { ..ProptestConfig::default() })]
-
     #[test]
     #[cfg(feature = "sim")]
     fn any_positions_give_wellformed_events(

@@ -4,6 +4,7 @@ use physinc::config::{CameraConfig, Config, ObjectConfig, Radii, TrackingConfig}
 use physinc::detect::Detection;
 use physinc::engine::Engine;
 use physinc::geometry::camera::{Camera, DepthCode, KINECT_DISPARITY_LAW};
+use physinc::kinect::disparity::Packing;
 use physinc::seeing::{Buffers, Image, SeeError, Seeing};
 use proptest::prelude::*;
 
@@ -54,8 +55,6 @@ fn makes_sense(detection: &Detection) -> bool {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(100))]
-
     #[test]
     fn any_images_give_detections_that_make_sense(
         images in prop::collection::vec(arbitrary_image(), 1..5),
@@ -88,6 +87,47 @@ fn what_is_no_image_of_the_camera_is_an_error() {
     assert_eq!(seeing.see(Image::U16(&image), &mut detections), Ok(()));
     assert_eq!(seeing.see(Image::F32(&vec![0.0; 4800]), &mut detections), Err(SeeError::Kind));
     assert!(Seeing::new(&camera, &ObjectConfig::default(), 0, Buffers::owned(79, 60)).is_err());
+}
+
+#[test]
+fn packed_frames_are_seen_as_the_samples_they_hold() {
+    let keys = CameraConfig::default();
+    let camera = Camera::from_config(&keys, DepthCode::Disparity { law: KINECT_DISPARITY_LAW }).unwrap();
+    let ball = |x: usize, y: usize| {
+        let (dx, dy) = (x as f64 - 200.0, y as f64 - 150.0);
+        if dx * dx + dy * dy < 160.0 { 850 } else { 1000 + (x * y % 3) as u16 }
+    };
+    let image: Vec<u16> = (0..640 * 480).map(|i| ball(i % 640, i / 640)).collect();
+    for packing in [Packing::Eleven, Packing::Ten] {
+        let image: Vec<u16> = image.iter().map(|s| if packing == Packing::Ten { *s & 1023 } else { *s }).collect();
+        let mut packed = vec![0; packing.frame_bytes()];
+        packing.pack(&image, &mut packed).unwrap();
+        let seen = |image: Image<'_>| {
+            let mut seeing = Seeing::new(&camera, &ObjectConfig::default(), 0, Buffers::owned(640, 480)).unwrap();
+            let mut detections = heapless::Vec::new();
+            seeing.see(image, &mut detections).unwrap();
+            detections
+        };
+        let detections = seen(Image::Packed { packed: &packed, packing });
+        assert_eq!(detections.len(), 1);
+        assert_eq!(detections, seen(Image::U16(&image)));
+    }
+}
+
+#[test]
+fn a_packed_frame_is_a_disparity_cameras_and_has_its_bytes() {
+    let kinect = Camera { width: 640, height: 480, ..camera(true, 10.0) };
+    let check = |camera: &Camera, bytes: usize| {
+        let buffers = Buffers::owned(camera.width, camera.height);
+        let seeing = Seeing::new(camera, &ObjectConfig::default(), 0, buffers).unwrap();
+        seeing.check(Image::Packed { packed: &vec![0; bytes], packing: Packing::Eleven })
+    };
+    assert_eq!(check(&kinect, 422_400), Ok(()));
+    for bytes in [0, 384_000, 422_399, 422_401] {
+        assert_eq!(check(&kinect, bytes), Err(SeeError::Bytes { expected: 422_400, found: bytes }));
+    }
+    assert_eq!(check(&camera(true, 10.0), 422_400), Err(SeeError::Packed));
+    assert_eq!(check(&Camera { code: camera(false, 10.0).code, ..kinect }, 422_400), Err(SeeError::Packed));
 }
 
 #[test]

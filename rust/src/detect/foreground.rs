@@ -2,6 +2,7 @@
 
 use super::noise::Noise;
 use crate::geometry::camera::{Camera, DepthCode, NO_DISPARITY};
+use core::ops::Range;
 
 /// The key of a pixel that shows nothing is never below any limit.
 pub const NO_KEY: u16 = u16::MAX;
@@ -108,6 +109,8 @@ pub struct Frame<'f, S> {
     pub depths: &'f [f32],
     /// What samples mean.
     pub coding: Coding,
+    /// Ranges of samples that were lost on their way, ascending.
+    pub missing: &'f [Range<usize>],
 }
 
 impl<S: Sample> Frame<'_, S> {
@@ -125,9 +128,13 @@ impl<S: Sample> Frame<'_, S> {
         (sample.key(&self.coding) != NO_KEY).then(|| sample.depth(&self.coding, self.depths)).filter(|z| *z > 0.0)
     }
 
-    /// Depth from which on pixel `index` counts as background, m; infinite where there was none.
+    /// Depth from which on pixel `index` counts as background, m; infinite where there was none, 0 where the sample is missing: it shows
+    /// nothing, whatever is there.
     #[inline]
     pub fn limit(&self, index: usize) -> f64 {
+        if self.missing.get(self.missing.partition_point(|hole| hole.end <= index)).is_some_and(|hole| hole.start <= index) {
+            return 0.0;
+        }
         self.limits.get(index).and_then(|limit| S::depth_of_key(*limit, &self.coding)).unwrap_or(f64::INFINITY)
     }
 }

@@ -68,7 +68,7 @@ impl Source for Fakenect {
             });
             let timestamp_ns = stamp
                 .ok_or_else(|| self.index.malformed(format!("{line:?} tells no time: d-<host seconds>-<device ticks>.pgm is expected")))?;
-            let mut image = self.index.image(&line)?;
+            let Some(mut image) = self.index.image(&line)? else { continue };
             read_pgm(&mut image, &self.camera, &mut self.bytes).map_err(|what| self.index.malformed(format!("{line:?}: {what}")))?;
             for (sample, bytes) in self.samples.iter_mut().zip(self.bytes.chunks_exact(2)) {
                 *sample = u16::from_le_bytes([bytes[0], bytes[1]]);

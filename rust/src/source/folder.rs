@@ -4,7 +4,7 @@ use super::SourceError;
 use crate::geometry::camera::Camera;
 use std::format;
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader, ErrorKind, Read};
 use std::path::{Component, Path, PathBuf};
 use std::string::{String, ToString};
 use std::vec::Vec;
@@ -19,6 +19,7 @@ pub(super) struct Index {
     file: &'static str,
     lines: BufReader<File>,
     number: u64,
+    found: bool,
 }
 
 impl Index {
@@ -26,7 +27,7 @@ impl Index {
     pub(super) fn open(folder: &Path, file: &'static str) -> Result<Self, SourceError> {
         let name = folder.display().to_string();
         let lines = File::open(folder.join(file)).map_err(|error| SourceError::unreadable(&name, error))?;
-        Ok(Self { name, folder: folder.into(), file, lines: BufReader::new(lines), number: 0 })
+        Ok(Self { name, folder: folder.into(), file, lines: BufReader::new(lines), number: 0, found: false })
     }
 
     /// The folder, as the user named it.
@@ -54,19 +55,26 @@ impl Index {
         SourceError::malformed(&self.name, format!("{}, line {}: {what}", self.file, self.number))
     }
 
-    /// Opens the image `name`, which must be a file inside the folder.
-    pub(super) fn image(&self, name: &str) -> Result<BufReader<File>, SourceError> {
+    /// Opens the image `name`, which must be a file inside the folder. `None` where it is missing: a frame that is lost, as its time will
+    /// tell, unless the first one is, as in a folder whose images are elsewhere.
+    pub(super) fn image(&mut self, name: &str) -> Result<Option<BufReader<File>>, SourceError> {
         let path = Path::new(name);
         if !path.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir)) {
             return Err(self.malformed(format!("{name:?} leaves the folder: only images inside it are read")));
         }
         let path = self.folder.join(path);
-        match std::fs::metadata(&path) {
-            // What is no file, a pipe perhaps, may never open.
-            Ok(kind) if !kind.is_file() => Err(self.malformed(format!("{name:?} is no file"))),
-            Ok(_) => File::open(&path).map(BufReader::new).map_err(|error| self.malformed(format!("{name:?} can't be read ({error})"))),
-            Err(error) => Err(self.malformed(format!("{name:?} is missing ({error}); take its line out to go on without it"))),
+        let kind = match std::fs::metadata(&path) {
+            Err(error) if error.kind() == ErrorKind::NotFound && self.found => return Ok(None),
+            Err(error) => return Err(self.malformed(format!("{name:?} is missing ({error}); take its line out to begin without it"))),
+            Ok(kind) => kind,
+        };
+        // What is no file, a pipe perhaps, may never open.
+        if !kind.is_file() {
+            return Err(self.malformed(format!("{name:?} is no file")));
         }
+        self.found = true;
+        let image = File::open(&path).map_err(|error| self.malformed(format!("{name:?} can't be read ({error})")))?;
+        Ok(Some(BufReader::new(image)))
     }
 }
 

@@ -3,8 +3,10 @@
 //! A source knows its name and, if it has one, its camera, and hands out its inputs one by one, each with the stamp of the source's own clock.
 //! It opens, reads and waits; it does not judge stamps, and knows nothing of physics.
 
+mod capture;
 mod csv;
 mod decimal;
+mod depth_png;
 mod error;
 mod fakenect;
 mod folder;
@@ -17,7 +19,9 @@ mod simulated;
 mod ticks;
 mod tum;
 
+pub use self::capture::Capture;
 pub use self::csv::Csv;
+pub use depth_png::read_png;
 pub use error::SourceError;
 pub use fakenect::Fakenect;
 pub use npz::Npz;
@@ -29,11 +33,15 @@ pub use tum::Tum;
 use crate::config::Config;
 use crate::config_file::ConfigFileError;
 use crate::geometry::camera::Camera;
+use crate::kinect::calibration::ZeroPlane;
+use crate::kinect::disparity::Packing;
 use crate::math::{Mat3, Vec3};
 use crate::seeing::Image;
 use crate::track::Measurement;
 use std::boxed::Box;
 use std::path::Path;
+use std::string::String;
+use std::vec::Vec;
 
 /// One input.
 #[derive(Clone, Copy, Debug)]
@@ -52,24 +60,41 @@ pub enum Input<'a> {
         /// World frame.
         positions: &'a [Measurement],
     },
+    /// A packet of a Kinect's depth endpoint.
+    Packet {
+        /// All of it, its header first.
+        bytes: &'a [u8],
+        /// When it arrived, ns on the host's clock.
+        arrival_ns: i64,
+    },
 }
 
-impl Input<'_> {
-    /// Its stamp, ns on the source's own clock.
-    pub fn timestamp_ns(&self) -> i64 {
-        match *self {
-            Self::Frame { timestamp_ns, .. } | Self::Positions { timestamp_ns, .. } => timestamp_ns,
-        }
-    }
+/// What a source of packets knows of their Kinect.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Kinect {
+    /// How its frames are packed.
+    pub packing: Packing,
+    /// Its own zero plane, if it told.
+    pub zero_plane: Option<ZeroPlane>,
 }
 
-/// Anything that delivers frames or positions.
+/// Anything that delivers packets, frames or positions.
 pub trait Source: Send {
     /// How it calls itself: what the user named.
     fn name(&self) -> &str;
 
     /// The camera of its frames; `None` where it delivers positions.
     fn camera(&self) -> Option<Camera>;
+
+    /// The Kinect whose packets it delivers; `None` where it delivers frames or positions.
+    fn kinect(&self) -> Option<Kinect> {
+        None
+    }
+
+    /// What the user should know of it so far, a line each.
+    fn remarks(&self) -> Vec<String> {
+        Vec::new()
+    }
 
     /// The next input, `None` at the end. May wait for it.
     ///
@@ -79,7 +104,7 @@ pub trait Source: Send {
 }
 
 /// What can be opened, for messages.
-const KINDS: &str = "*.npz (depth frames), a folder with INDEX.txt (fakenect) or depth.txt (TUM), *.csv or - (positions), sim:SCENE, demo";
+const KINDS: &str = "*.npz (depth frames), *.pcap or *.pcapng (usbmon captures of a Kinect, also .gz, .zst), a folder with INDEX.txt (fakenect) or depth.txt (TUM), *.csv or - (positions), sim:SCENE, demo";
 
 /// Opens what the user named. `camera` is a camera file that wins over those beside a recording; `[camera]` in `config` wins over both.
 ///
@@ -109,6 +134,7 @@ pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<
     }
     let extension = path.extension().map(|extension| extension.to_ascii_lowercase().to_string_lossy().into_owned());
     match extension.as_deref() {
+        _ if capture::is_named_so(path) => Ok(Box::new(Capture::open(path, &sidecar::in_force(path, config, camera)?)?)),
         Some("npz") => Ok(Box::new(Npz::open(path, &sidecar::in_force(path, config, camera)?)?)),
         Some("csv") => {
             let file = std::fs::File::open(path).map_err(|error| SourceError::unreadable(source, error))?;
