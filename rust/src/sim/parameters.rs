@@ -86,6 +86,8 @@ parameters! {
     pose: bool = true, ANY;
     /// What the samples are.
     kind: Samples = Samples::Disparity, ANY;
+    /// The source `sim:` hands out packets, as a Kinect sends them.
+    packets: bool = false, ANY;
     /// Frames a second.
     fps: f64 = 30.0, [5.0, 300.0];
     /// From the first row's readout to the last row's, s.
@@ -162,6 +164,9 @@ impl Parameters {
         if parameters.window.is_multiple_of(2) {
             return Err(bad("window", &parameters.window.to_string(), "must be odd"));
         }
+        if parameters.packets && (parameters.kind != Samples::Disparity || parameters.fps > 32.0) {
+            return Err(bad("packets", "1", "a Kinect sends disparity, up to 32 frames a second"));
+        }
         parameters.pose &= pose_told || (parameters.tilt_deg == 0.0 && parameters.roll_deg == 0.0);
         Ok((kind.1, parameters))
     }
@@ -217,6 +222,7 @@ mod tests {
             ("bounce?kind=x", ["x", "disparity"]),
             ("bounce?seed=1&seed=2", ["seed=2", "twice"]),
             ("bounce?seed", ["seed", "key=value"]),
+            ("bounce?packets=1&kind=depth", ["packets=1", "disparity"]),
         ] {
             let message = Parameters::parse(scene).unwrap_err().to_string();
             assert!(words.iter().all(|w| message.contains(w)), "{scene}: {message}");

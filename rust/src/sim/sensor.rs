@@ -15,9 +15,9 @@ use std::vec::Vec;
 /// Focal length, px.
 pub const FOCAL: f64 = 575.8;
 /// From the camera to the projector, along the camera's x, m: shadows fall to the left.
-const BASELINE: f64 = 0.075;
+pub(super) const BASELINE: f64 = 0.075;
 /// Raw disparity of a point at infinity.
-const RAW_AT_INFINITY: f64 = 1090.0;
+pub(super) const RAW_AT_INFINITY: f64 = 1090.0;
 /// Steps of raw disparity per pixel of disparity.
 const RAW_PER_PIXEL: f64 = 8.0;
 /// Temporal noise, raw units, before rounding.
