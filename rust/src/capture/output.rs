@@ -24,7 +24,7 @@ impl Output {
     /// Whatever the operating system refuses.
     pub fn create(path: &Path, level: Option<u8>) -> io::Result<Self> {
         let file = BufWriter::with_capacity(1 << 16, File::create(path)?);
-        let extension = path.extension().map(|extension| extension.to_ascii_lowercase());
+        let extension = path.extension().map(std::ffi::OsStr::to_ascii_lowercase);
         match extension.as_ref().and_then(|extension| extension.to_str()) {
             Some("gz") => {
                 Ok(Self::Gzip(GzEncoder::new(file, level.map_or(Compression::fast(), |level| Compression::new(level.min(9).into())))))

@@ -197,7 +197,7 @@ impl Track {
         Ok((array1(py, center.as_slice()), array2(py, &rows(&covariance))?))
     }
 
-    fn __repr__(&self) -> std::string::String {
+    fn __repr__(&self) -> String {
         format!("Track({})", self.predictor.track())
     }
 }

@@ -9,6 +9,7 @@ mod decimal;
 mod depth_png;
 mod error;
 mod fakenect;
+mod faults;
 mod folder;
 mod npz;
 mod npz_record;
@@ -24,6 +25,7 @@ pub use self::csv::Csv;
 pub use depth_png::read_png;
 pub use error::SourceError;
 pub use fakenect::Fakenect;
+pub use faults::{Faults, Faulty, Injected};
 pub use npz::Npz;
 pub use record::{RecordError, Recording};
 #[cfg(feature = "sim")]
@@ -122,6 +124,10 @@ pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<
     if source.starts_with("sim:") {
         return Ok(Box::new(Simulated::new(source)?));
     }
+    if let Some((capture, faults)) = with_faults(source) {
+        let faults = Faults::parse(faults).map_err(|what| SourceError::malformed(source, what))?;
+        return Ok(Box::new(Faulty::new(source, open(capture, config, camera)?, faults)?));
+    }
     let path = Path::new(source);
     let unsupported = |why: &str| SourceError::Unsupported { source_name: source.into(), why: why.into() };
     if path.is_dir() {
@@ -147,6 +153,11 @@ pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<
     }
 }
 
+/// The capture and the faults that `CAPTURE?key=value&…` names, unless that is a file's own name.
+fn with_faults(source: &str) -> Option<(&str, &str)> {
+    source.rsplit_once('?').filter(|(capture, _)| capture::is_named_so(Path::new(capture)) && !Path::new(source).exists())
+}
+
 /// The keys of `[camera]` in force for `source`: `config`'s, then those of its camera file.
 ///
 /// # Errors
@@ -157,7 +168,10 @@ pub fn camera_in_force(
     camera: Option<&Path>,
 ) -> Result<crate::config::CameraConfig, ConfigFileError> {
     match (source, camera) {
-        (Some(source), _) => sidecar::in_force(Path::new(source), config, camera),
+        (Some(source), _) => {
+            let source = with_faults(source).map_or(source, |(capture, _)| capture);
+            sidecar::in_force(Path::new(source), config, camera)
+        }
         (None, Some(camera)) => Ok(config.camera.or(&crate::config_file::read_camera(camera)?)),
         (None, None) => Ok(config.camera.clone()),
     }
