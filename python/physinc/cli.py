@@ -184,7 +184,7 @@ def simulate(scene: str, out: Path, /) -> int:
     Parameters
     ----------
     scene
-        bounce (six throws over a floor and a box that the camera can't see), room, two_balls, passive_flight, drop or roll,
+        bounce (six throws over a floor and a box that the camera can't see), room, two_balls, many, passive_flight, drop or roll,
         with keys, if any, as in "bounce?seed=3&distance=2".
     out
         The recording. `physinc run OUT.npz` tells what happens in it.
