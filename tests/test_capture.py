@@ -98,6 +98,18 @@ def test_what_is_recorded_tells_the_same(capture: Path, tmp_path: Path, out: str
     assert events(tmp_path / out) == told
 
 
+@pytest.mark.parametrize("limit", [["--frames", "7"], ["--duration", "1.25"]])
+def test_limits_are_those_of_frames(capture: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], limit: list[str]) -> None:
+    assert main(["record", str(capture), str(tmp_path / "frames.npz")]) == 0
+    ends = []
+    for source in (capture, tmp_path / "frames.npz"):
+        assert main(["run", str(source), "--json", "--positions", *limit]) == 0
+        ends.append(capsys.readouterr().out.splitlines())
+    assert len(ends[0]) == len(ends[1])
+    assert ends[0][1:-1] == ends[1][1:-1]
+    assert '"limit"' in ends[0][-1]
+
+
 def test_a_capture_tells_what_its_frames_do(capture: Path) -> None:
     whole = [event for event in physinc.stream("demo") if isinstance(event, physinc.Contact)]
     # Of the last one the capture doesn't show all that comes after.
