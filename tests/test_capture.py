@@ -212,7 +212,10 @@ def test_losses_are_told_and_counted(capture: Path, capsys: pytest.CaptureFixtur
     assert end.counters.frames_incomplete > 80
     assert sum(isinstance(event, physinc.Contact) for event in told) >= 2
     assert main(["run", source]) == 0
-    assert "faults on purpose: " in capsys.readouterr().err
+    out, err = capsys.readouterr()
+    assert "faults on purpose: " in err
+    assert f", {end.counters.packets_lost} of " in out
+    assert out.count("nothing for") == sum(bool(gap.frames) for gap in gaps)
     assert "no fault `loose`" in refusal(f"{capture}?loose=1")
 
 

@@ -88,6 +88,8 @@ class Narration:
                 self.orientation = event
             case p.Gap():
                 self.lost += event.frames or 0
+                if event.reason == "packets_lost" and not event.frames:
+                    return  # Only parts of a frame are missing: the last line counts them.
                 seconds = (event.end_ns - event.start_ns) * 1e-9
                 self._line(event.start_ns, f"[yellow]nothing for {seconds:.3f} s ({event.reason.replace('_', ' ')})[/]")
             case p.StreamEnded():
@@ -109,7 +111,9 @@ class Narration:
             rate = f", {busy / counters.frames * 1e6:.0f} µs a frame" if counters.frames else ""
             dropped = f", {counters.frames_dropped} not used" if counters.frames_dropped else ""
             reason = "" if self.ended.reason == "end_of_source" else f" ({self.ended.reason})"
-            frames = f"{counters.frames} frames, {self.lost} lost{dropped}{rate}"
+            lost, holed = counters.packets_lost, counters.frames_incomplete
+            packets = f", {lost} of {counters.packets + lost} packets lost, {holed} frames with holes" if lost else ""
+            frames = f"{counters.frames} frames, {self.lost} lost{dropped}{packets}{rate}"
             self.console.print(f"{_count(self.bounces, 'bounce')}, {_count(len(surfaces), 'surface')}; {frames}{reason}")
 
     def _line(self, time_ns: int, text: str) -> None:
