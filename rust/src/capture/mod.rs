@@ -2,6 +2,7 @@
 //! are or packed by gzip or zstd. A capture is streamed: whatever its size, memory stays bounded.
 
 mod bus;
+mod interface;
 mod order;
 mod output;
 mod packets;

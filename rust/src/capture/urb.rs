@@ -14,8 +14,9 @@
 //!
 //! Then, of isochronous transfers, a descriptor of 16 bytes for each packet: status, offset, length, padding. Then the data.
 
+use super::interface::Link;
 use super::order::Order;
-use super::records::{Link, Record};
+use super::records::Record;
 use core::ops::Range;
 
 /// The kernel tells of at most so many packets of a transfer.

@@ -10,6 +10,7 @@ mod depth_png;
 mod error;
 mod fakenect;
 mod faults;
+mod faulty;
 mod folder;
 mod npz;
 mod npz_record;
@@ -25,7 +26,8 @@ pub use self::csv::Csv;
 pub use depth_png::read_png;
 pub use error::SourceError;
 pub use fakenect::Fakenect;
-pub use faults::{Faults, Faulty, Injected};
+pub use faults::Faults;
+pub use faulty::{Faulty, Injected};
 pub use npz::Npz;
 pub use record::{RecordError, Recording};
 #[cfg(feature = "sim")]
