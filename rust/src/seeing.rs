@@ -1,7 +1,7 @@
 //! Frames to balls: background, components, fits. It borrows its buffers, for images of any size, and allocates nothing.
 
 use crate::config::ObjectConfig;
-use crate::detect::ball::{Found, PATCH, View};
+use crate::detect::ball::{Found, ROOM, View};
 use crate::detect::components::{Component, Run, connect};
 use crate::detect::foreground::{self, Coding, Frame, Sample};
 use crate::detect::noise::{Factors, Noise};
@@ -108,8 +108,10 @@ pub struct Sizes {
     pub depths: usize,
     /// Of `runs`; more of them, and more clutter is borne.
     pub runs: usize,
-    /// Of `scores` and of `cap`.
-    pub scores: usize,
+    /// Of `lanes`.
+    pub lanes: usize,
+    /// Of `numbers`.
+    pub numbers: usize,
 }
 
 /// The memory that [`Seeing`] works in; what it holds at first does not matter.
@@ -125,17 +127,16 @@ pub struct Buffers<'b> {
     /// Runs of foreground.
     pub runs: Slice<'b, Run>,
     /// One ball's pixels.
-    pub scores: Slice<'b, [f32; 5]>,
+    pub lanes: Slice<'b, [f32; 4]>,
     /// What depths they should show.
-    pub cap: Slice<'b, f32>,
+    pub numbers: Slice<'b, f32>,
 }
 
 impl Buffers<'_> {
     /// Sizes for images of `width` × `height` pixels.
     pub const fn required(width: usize, height: usize) -> Sizes {
-        let patch = PATCH + 16;
         let samples = if width == WIDTH && height == HEIGHT { WIDTH * HEIGHT } else { 0 };
-        Sizes { pixels: width * height, samples, depths: 2048, runs: width * height / 16 + 64, scores: patch * patch }
+        Sizes { pixels: width * height, samples, depths: 2048, runs: width * height / 16 + 64, lanes: ROOM.0, numbers: ROOM.1 }
     }
 }
 
@@ -150,8 +151,8 @@ impl Buffers<'static> {
             samples: Slice::Owned(std::vec![0; sizes.samples]),
             depths: Slice::Owned(std::vec![0.0; sizes.depths]),
             runs: Slice::Owned(std::vec![Run::default(); sizes.runs]),
-            scores: Slice::Owned(std::vec![[0.0; 5]; sizes.scores]),
-            cap: Slice::Owned(std::vec![0.0; sizes.scores]),
+            lanes: Slice::Owned(std::vec![[0.0; 4]; sizes.lanes]),
+            numbers: Slice::Owned(std::vec![0.0; sizes.numbers]),
         }
     }
 }
@@ -189,8 +190,8 @@ impl<'b> Seeing<'b> {
             && buffers.samples.len() >= sizes.samples
             && buffers.depths.len() >= sizes.depths
             && buffers.runs.len() >= sizes.runs
-            && buffers.scores.len() >= sizes.scores
-            && buffers.cap.len() >= sizes.scores;
+            && buffers.lanes.len() >= sizes.lanes
+            && buffers.numbers.len() >= sizes.numbers;
         if !enough {
             return Err(ConfigError { key: "camera.width", value: camera.width as f64, expected: "buffers of the camera's size" });
         }
@@ -271,7 +272,7 @@ impl<'b> Seeing<'b> {
     }
 
     fn see_samples<S: Sample>(&mut self, samples: &[S], detections: &mut Vec<Detection, 16>) {
-        let Buffers { limits, farthest, depths, runs, scores, cap, .. } = &mut self.buffers;
+        let Buffers { limits, farthest, depths, runs, lanes, numbers, .. } = &mut self.buffers;
         let pixels = samples.len();
         let (Some(limits), Some(farthest)) = (limits.get_mut(..pixels), farthest.get_mut(..pixels)) else { return };
         if self.seen == 0 {
@@ -298,7 +299,7 @@ impl<'b> Seeing<'b> {
         for (index, run) in runs.iter().take(count).enumerate() {
             let Some(component) = run.component(index).filter(|c| c.pixels >= FEWEST_PIXELS) else { continue };
             let view = |radius| View { frame: &frame, camera: &self.camera, noise: self.noise, factors: self.factors, radius };
-            let Some(found) = look(view, &self.radii, component, scores, cap) else { continue };
+            let Some(found) = look(view, &self.radii, component, lanes, numbers) else { continue };
             if found.detection.blob == Blob::Whole {
                 self.factors.cap.learn(found.cap_ratio);
                 self.factors.outline.learn(found.outline_ratio);
@@ -315,8 +316,8 @@ fn look<'v, S: Sample + 'v>(
     view: impl Fn(f64) -> View<'v, S>,
     radii: &[f64],
     component: &Component,
-    scores: &mut [[f32; 5]],
-    cap: &mut [f32],
+    lanes: &mut [[f32; 4]],
+    numbers: &mut [f32],
 ) -> Option<Found> {
     let (column, row, depth) = component.mean();
     let pixels = f64::from(component.pixels);
@@ -328,7 +329,7 @@ fn look<'v, S: Sample + 'v>(
     if !(0.25..4.0).contains(&ratio(radius)) {
         return None;
     }
-    view(radius).fit(start(radius), component.pixels, scores, cap)
+    view(radius).fit(start(radius), component.pixels, lanes, numbers)
 }
 
 #[cfg(test)]
@@ -387,8 +388,8 @@ mod tests {
             assert_eq!(found.len(), 1, "{center}");
             assert_eq!(found[0].blob, Blob::Whole, "{center}");
             let error = found[0].center - center;
-            // The pixels alone leave 0.1 px of the silhouette open.
-            assert!(error.norm() < 0.1 * center.z / camera.fx + 1e-4, "{error}");
+            // The pixels alone leave 0.1 px of the silhouette open, and linearisation some more.
+            assert!(error.norm() < 0.15 * center.z / camera.fx + 1e-4, "{error}");
             assert!((found[0].row - (center.y / center.z * camera.fy + camera.cy)).abs() < 0.1);
         }
     }
