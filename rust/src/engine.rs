@@ -1,22 +1,42 @@
-//! Frames or positions to events: seeing and reasoning in one, and the stream's time watched.
+//! Packets, frames or positions to events: assembling, seeing and reasoning in one, and the stream's time watched.
 
 use crate::config::Config;
 use crate::detect::{Blob, Detection};
 use crate::error::ConfigError;
-use crate::event::{Counters, Event, Kind};
-use crate::geometry::camera::{Camera, Pose};
+use crate::event::{Counters, Event, Gap, GapReason, Kind};
+use crate::geometry::camera::{Camera, DepthCode, Pose};
+use crate::kinect::disparity::{HEIGHT, Packing, WIDTH};
+use crate::kinect::packet::FRAMES_PER_SECOND;
 use crate::reasoning::{Predictor, Reasoning};
-use crate::seeing::{Buffers, Image, SeeError, Seeing};
-use crate::time::after;
+use crate::seeing::{Buffers, Image, Scope, SeeError, Seeing, Slice};
+use crate::stream::assembler::Assembler;
+use crate::stream::frame;
+use crate::time::{after, seconds_between};
 use crate::timeline::Timeline;
 use crate::track::Measurement;
+use core::ops::Range;
 use heapless::Vec;
 
-/// Frames or positions to events.
+/// Where events go.
+pub(crate) type Sink<'s> = dyn FnMut(Event) + 's;
+
+/// What a frame comes without.
+#[derive(Default)]
+struct Loss<'l> {
+    /// Ranges of its samples, ascending.
+    missing: &'l [Range<usize>],
+    /// Packets, since the frame before.
+    packets: u64,
+}
+
+/// Packets, frames or positions to events.
 ///
 /// It is handed its input with the input's time, and hands its events to a sink. It opens nothing, reads no clock and allocates
 /// nothing, so the same input gives the same events to the last bit.
 pub struct Engine<'b> {
+    assembler: Option<Assembler<Slice<'b, u8>>>,
+    /// Packets lost that no gap has told of.
+    untold: u64,
     seeing: Option<Seeing<'b>>,
     camera: Option<Camera>,
     reasoning: Reasoning,
@@ -33,7 +53,35 @@ impl<'b> Engine<'b> {
         config.validate()?;
         let seeing = Seeing::new(camera, &config.object, config.tracking.background_frames, buffers)?;
         let reasoning = Reasoning::new(config, Some(camera));
-        Ok(Self { seeing: Some(seeing), camera: Some(*camera), reasoning, timeline: Timeline::default(), inputs: 0 })
+        let timeline = Timeline::default();
+        Ok(Self { assembler: None, untold: 0, seeing: Some(seeing), camera: Some(*camera), reasoning, timeline, inputs: 0 })
+    }
+
+    /// For the packets of a Kinect's depth endpoint, whose frames are packed as `packing` and seen by `camera`: in `buffers` as of
+    /// [`Engine::for_frames`], and `packed` of [`Packing::frame_bytes`] at least.
+    ///
+    /// # Errors
+    /// A value of the configuration that can't be, a camera that is no Kinect's, or buffers that are too small.
+    pub fn for_packets(
+        config: &Config,
+        camera: &Camera,
+        packing: Packing,
+        buffers: Buffers<'b>,
+        packed: Slice<'b, u8>,
+    ) -> Result<Self, ConfigError> {
+        if (camera.width, camera.height) != (WIDTH, HEIGHT) || !matches!(camera.code, DepthCode::Disparity { .. }) {
+            return Err(ConfigError {
+                key: "camera.width",
+                value: camera.width as f64,
+                expected: "640 (height 480) of a Kinect's disparity",
+            });
+        }
+        let assembler = Assembler::new(packing, packed).map_err(|error| ConfigError {
+            key: "camera.width",
+            value: error.needed as f64,
+            expected: "a buffer of so many bytes for the packed frame",
+        })?;
+        Ok(Self { assembler: Some(assembler), ..Self::for_frames(config, camera, buffers)? })
     }
 
     /// For positions by any tracker.
@@ -43,7 +91,7 @@ impl<'b> Engine<'b> {
     pub fn for_positions(config: &Config) -> Result<Self, ConfigError> {
         config.validate()?;
         let reasoning = Reasoning::new(config, None);
-        Ok(Self { seeing: None, camera: None, reasoning, timeline: Timeline::default(), inputs: 0 })
+        Ok(Self { assembler: None, untold: 0, seeing: None, camera: None, reasoning, timeline: Timeline::default(), inputs: 0 })
     }
 
     /// The pose that fixes the stream's world.
@@ -51,18 +99,62 @@ impl<'b> Engine<'b> {
         self.reasoning.world_from_camera()
     }
 
+    /// Takes in a packet of the depth endpoint that arrived at `arrival_ns` on the host's clock. A frame that it ends is seen; what of it
+    /// is missing is known to be, and what was lost before it is told as a gap.
+    ///
+    /// # Errors
+    /// The engine is not for packets.
+    pub fn packet(&mut self, bytes: &[u8], arrival_ns: i64, sink: &mut dyn FnMut(Event)) -> Result<(), SeeError> {
+        self.packet_if(bytes, arrival_ns, &mut |_, _| true, sink)
+    }
+
+    /// Takes in a packet; a frame that it ends is passed over where `wanted`, handed its stamp and the sink, says so.
+    pub(crate) fn packet_if(
+        &mut self,
+        bytes: &[u8],
+        arrival_ns: i64,
+        wanted: &mut dyn FnMut(i64, &mut Sink<'_>) -> bool,
+        sink: &mut dyn FnMut(Event),
+    ) -> Result<(), SeeError> {
+        // The frame is seen in the assembler's buffer, while the rest of the engine is at work.
+        let Some(mut assembler) = self.assembler.take() else { return Err(SeeError::Kind) };
+        let mut outcome = Ok(());
+        assembler.push(bytes, arrival_ns, &mut |frame| {
+            if wanted(frame.timestamp_ns, sink) {
+                outcome = self.assembled(&frame, sink);
+            }
+        });
+        self.assembler = Some(assembler);
+        outcome
+    }
+
+    fn assembled(&mut self, frame: &frame::Frame<'_>, sink: &mut dyn FnMut(Event)) -> Result<(), SeeError> {
+        let missing: Vec<Range<usize>, { frame::MOST_HOLES }> = frame.missing().collect();
+        let image = Image::Packed { packed: frame.packed, packing: frame.packing };
+        self.take_in(frame.timestamp_ns, image, &Loss { missing: &missing, packets: frame.lost }, sink)
+    }
+
     /// Takes in the next depth image. One whose stamp is not later than the last one's is counted and not used.
     ///
     /// # Errors
     /// The image is not the camera's, or there is no camera; nothing has changed then.
     pub fn frame(&mut self, timestamp_ns: i64, image: Image<'_>, sink: &mut dyn FnMut(Event)) -> Result<(), SeeError> {
+        self.take_in(timestamp_ns, image, &Loss::default(), sink)
+    }
+
+    fn take_in(&mut self, timestamp_ns: i64, image: Image<'_>, loss: &Loss<'_>, sink: &mut dyn FnMut(Event)) -> Result<(), SeeError> {
         let (Some(seeing), Some(camera)) = (&mut self.seeing, &self.camera) else { return Err(SeeError::Kind) };
         seeing.check(image)?;
         let frame = self.inputs;
         self.inputs += 1;
-        let Some(gaps) = self.timeline.advance(timestamp_ns) else { return Ok(()) };
+        self.untold += loss.packets;
+        let before = self.timeline.newest();
+        let Some(mut gaps) = self.timeline.advance(timestamp_ns) else { return Ok(()) };
+        if self.untold > 0 || !loss.missing.is_empty() {
+            gaps[1] = Some(packets_lost(before, timestamp_ns, core::mem::take(&mut self.untold), loss.missing));
+        }
         let mut detections: Vec<Detection, 16> = Vec::new();
-        seeing.see(image, &mut detections)?;
+        seeing.see_in(image, Scope { missing: loss.missing, bands: &[] }, &mut detections)?;
         let pose = self.reasoning.world_from_camera();
         let readout = camera.readout / (camera.height as f64 - 1.0);
         let measured: Vec<Measurement, 16> = detections
@@ -108,7 +200,7 @@ impl<'b> Engine<'b> {
             frames: self.inputs,
             frames_dropped: self.timeline.dropped + self.seeing.as_ref().map_or(0, Seeing::cluttered),
             events_dropped: self.reasoning.homeless(),
-            ..Counters::default()
+            ..self.assembler.as_ref().map(Assembler::counters).unwrap_or_default()
         }
     }
 
@@ -130,9 +222,28 @@ impl Engine<'static> {
             None => Self::for_positions(config),
         }
     }
+
+    /// For packets, with buffers of its own.
+    ///
+    /// # Errors
+    /// As of [`Engine::for_packets`].
+    pub fn new_for_packets(config: &Config, camera: &Camera, packing: Packing) -> Result<Self, ConfigError> {
+        let packed = Slice::Owned(std::vec![0; packing.frame_bytes()]);
+        Self::for_packets(config, camera, packing, Buffers::owned(camera.width, camera.height), packed)
+    }
 }
 
-fn tell_gaps(gaps: [Option<crate::event::Gap>; 2], timestamp_ns: i64, sink: &mut dyn FnMut(Event)) {
+/// The gap that ends with a frame before which, or of which, `packets` were lost. The device sends its frames at an even rate, which tells
+/// how many never came.
+fn packets_lost(before: Option<i64>, timestamp_ns: i64, packets: u64, missing: &[Range<usize>]) -> Gap {
+    let start_ns = before.unwrap_or(timestamp_ns);
+    let frames = (libm::round(seconds_between(start_ns, timestamp_ns) * FRAMES_PER_SECOND) as u64).saturating_sub(1);
+    let samples = frames * (WIDTH * HEIGHT) as u64 + missing.iter().map(|range| range.len() as u64).sum::<u64>();
+    let (frames, packets, samples) = (Some(frames), Some(packets), Some(samples));
+    Gap { start_ns, end_ns: timestamp_ns, reason: GapReason::PacketsLost, frames, packets, samples }
+}
+
+fn tell_gaps(gaps: [Option<Gap>; 2], timestamp_ns: i64, sink: &mut dyn FnMut(Event)) {
     for gap in gaps.into_iter().flatten() {
         sink(Event { timestamp_ns, track: None, is_final: true, kind: Kind::Gap(gap) });
     }

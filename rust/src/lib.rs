@@ -43,6 +43,8 @@
 #[cfg(feature = "std")]
 extern crate std;
 
+#[cfg(feature = "std")]
+pub mod capture;
 pub mod config;
 #[cfg(feature = "std")]
 pub mod config_file;
@@ -63,6 +65,7 @@ pub mod scene;
 pub mod seeing;
 #[cfg(feature = "sim")]
 pub mod sim;
+pub mod simd;
 #[cfg(feature = "std")]
 pub mod source;
 pub mod stream;

@@ -1,5 +1,7 @@
-//! Seeing and reasoning allocate nothing once they are warm.
+//! Assembling, seeing and reasoning allocate nothing once they are warm.
 #![allow(unsafe_code)] // An allocator that counts is the only way to see this.
+
+mod packets;
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -7,6 +9,7 @@ use std::cell::Cell;
 use physinc::config::Config;
 use physinc::engine::Engine;
 use physinc::event::{Event, Kind};
+use physinc::kinect::disparity::Packing;
 use physinc::seeing::Image;
 use physinc::sim::Scene;
 
@@ -71,4 +74,23 @@ fn seeing_and_reasoning_allocate_nothing() {
     }
     assert_eq!(allocations(|| engine.finish(&mut count_contacts)), 0);
     assert!(contacts > 5, "only {contacts} contacts: reasoning was never at work");
+}
+
+/// From the first packet on, with every thirtieth of them lost.
+#[test]
+fn packets_to_events_allocate_nothing() {
+    let scene = Scene::parse("bounce?seed=1&throws=1").expect("a scene");
+    let mut contacts = 0_u64;
+    let mut count_contacts = |event: Event| contacts += u64::from(matches!(event.kind, Kind::Contact(_)));
+    let mut engine = Engine::new_for_packets(&Config::default(), &scene.camera(), Packing::Eleven).expect("a Kinect");
+    let (mut frames, mut base) = (scene.frames(), 0_u8);
+    while let Some(frame) = frames.next_frame() {
+        let sent = packets::packets(Packing::Eleven, frame.samples, packets::ticks(frame.timestamp_ns), base);
+        base = base.wrapping_add(sent.len() as u8);
+        let arrived = sent.iter().enumerate().filter(|(place, _)| place % 30 != 9);
+        let mut push = |packet: &[u8]| engine.packet(packet, frame.timestamp_ns, &mut count_contacts).expect("it is for packets");
+        assert_eq!(allocations(|| arrived.for_each(|(_, packet)| push(packet))), 0, "at {} ns", frame.timestamp_ns);
+    }
+    assert_eq!(allocations(|| engine.finish(&mut count_contacts)), 0);
+    assert!(contacts > 1 && engine.counters().frames_incomplete > 20);
 }

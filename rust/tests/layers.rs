@@ -4,13 +4,14 @@ use std::path::{Path, PathBuf};
 use std::{fs, io};
 
 /// What every module may use.
-const COMMON: &[&str] = &["time", "error", "config", "event", "math"];
+const COMMON: &[&str] = &["time", "error", "config", "event", "math", "simd"];
 
 /// Each other module, and which modules or items it may use beside [`COMMON`] and itself.
 const LAYERS: &[(&str, &[&str])] = &[
     // The law from disparity to depth stands with the camera model.
     ("kinect", &["geometry"]),
     ("stream", &["kinect"]),
+    ("capture", &["kinect"]),
     ("geometry", &[]),
     ("detect", &["geometry"]),
     ("physics", &["geometry"]),
@@ -21,11 +22,14 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("timeline", &[]),
     ("engine", &["timeline", "kinect", "stream", "geometry", "detect", "physics", "track", "scene", "seeing", "reasoning"]),
     // What it hands on are images and measurements.
-    ("source", &["kinect", "stream", "geometry", "config_file", "seeing::Image", "seeing::SeeError", "track::Measurement", "sim"]),
+    (
+        "source",
+        &["kinect", "stream", "capture", "geometry", "config_file", "seeing::Image", "seeing::SeeError", "track::Measurement", "sim"],
+    ),
     ("config_file", &["geometry"]),
     ("run", &["geometry", "engine", "reasoning::Predictor", "seeing::SeeError", "source"]),
     // Never an estimator: it makes what estimators are judged by.
-    ("sim", &["geometry", "kinect"]),
+    ("sim", &["geometry", "kinect", "capture"]),
     (
         "python",
         &[

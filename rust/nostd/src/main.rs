@@ -10,8 +10,11 @@ use physinc::detect::Blob;
 use physinc::engine::Engine;
 use physinc::event::{Event, Kind};
 use physinc::geometry::camera::{Camera, DepthCode};
+use physinc::kinect::disparity::Packing;
+use physinc::kinect::packet::{DEPTH_PAYLOAD, HEADER, Header, Place, Stream};
 use physinc::math::{Mat3, Vec3, sqrt};
 use physinc::seeing::{Buffers, Image, Seeing, Sizes, Slice};
+use physinc::stream::assembler::Assembler;
 use physinc::track::Measurement;
 
 const WIDTH: usize = 64;
@@ -24,7 +27,22 @@ const DEPTH: f64 = 1.2;
 
 /// What a microcontroller would do; false where an answer is not as it must be.
 fn core_works() -> bool {
-    sees_a_ball() == Some(true) && feels_a_floor() == Some(true) && owns_a_vec()
+    assembles_a_frame() == Some(true) && sees_a_ball() == Some(true) && feels_a_floor() == Some(true) && owns_a_vec()
+}
+
+/// Puts a frame together of which one packet was lost.
+fn assembles_a_frame() -> Option<bool> {
+    let packing = Packing::Eleven;
+    let mut assembler = Assembler::new(packing, [0; Packing::Eleven.frame_bytes()]).ok()?;
+    let (packets, mut packet, mut holes) = (packing.packets(), [0; HEADER + DEPTH_PAYLOAD], None);
+    for index in (0..packets).filter(|index| *index != 7) {
+        let place = if index == 0 { Place::First } else if index + 1 == packets { Place::Last } else { Place::Middle };
+        let payload = DEPTH_PAYLOAD.min(packing.frame_bytes() - index * DEPTH_PAYLOAD);
+        let header = Header { stream: Stream::Depth, place, sequence: black_box(index as u8), timestamp_ticks: 6_000_000 };
+        packet.first_chunk_mut().map(|start| *start = header.emit(payload as u16))?;
+        assembler.push(packet.get(..HEADER + payload)?, 0, &mut |frame| holes = Some((frame.timestamp_ns, frame.missing().count(), frame.lost)));
+    }
+    Some(holes? == (100_000_000, 1, 1))
 }
 
 /// Learns a wall, then finds the default ball before it.
@@ -35,12 +53,13 @@ fn sees_a_ball() -> Option<bool> {
     let camera = Camera::from_config(&keys, DepthCode::Depth { units_per_metre: 1000.0 }).ok()?;
     let (mut limits, mut farthest, mut depths) = ([0; SIZES.pixels], [0; SIZES.pixels], [0.0; SIZES.depths]);
     let (mut runs, mut lanes) = ([Default::default(); SIZES.runs], [Default::default(); SIZES.lanes]);
-    let mut numbers = [0.0; SIZES.numbers];
+    let (mut marks, mut numbers) = ([Default::default(); SIZES.rows], [0.0; SIZES.numbers]);
     let buffers = Buffers {
         limits: Slice::Borrowed(&mut limits),
         farthest: Slice::Borrowed(&mut farthest),
         samples: Slice::Borrowed(&mut []),
         depths: Slice::Borrowed(&mut depths),
+        marks: Slice::Borrowed(&mut marks),
         runs: Slice::Borrowed(&mut runs),
         lanes: Slice::Borrowed(&mut lanes),
         numbers: Slice::Borrowed(&mut numbers),

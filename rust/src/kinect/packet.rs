@@ -18,6 +18,8 @@ pub const HEADER: usize = 12;
 pub const DEPTH_PAYLOAD: usize = 1748;
 /// Ticks of the device's clock in a second.
 pub const TICKS_PER_SECOND: u32 = 60_000_000;
+/// Frames of depth that it sends in a second.
+pub const FRAMES_PER_SECOND: f64 = 30.0;
 
 const MAGIC: [u8; 2] = [0x52, 0x42];
 

@@ -43,8 +43,11 @@ fn explain(error: DecodingError) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::CameraConfig;
+    use crate::geometry::camera::DepthCode;
     use proptest::prelude::*;
     use std::io::Cursor;
+    use std::vec::Vec;
 
     /// What is read of a PNG by a camera of 16 × 16.
     fn read(content: &[u8]) -> Result<Vec<u8>, String> {

@@ -87,6 +87,8 @@ pub struct Assembler<B> {
     counted: Option<u8>,
     /// Packets since then that came and could not be used, because their frame was given up.
     strays: u64,
+    /// Packets lost that no frame that was handed out has told of.
+    untold: u64,
     newest_ns: Option<i64>,
 }
 
@@ -101,7 +103,7 @@ impl<B: AsMut<[u8]>> Assembler<B> {
             return Err(BufferTooSmall { needed });
         }
         let (clock, counters) = Default::default();
-        Ok(Self { packing, buffer, clock, counters, empty: 0, current: None, counted: None, strays: 0, newest_ns: None })
+        Ok(Self { packing, buffer, clock, counters, empty: 0, current: None, counted: None, strays: 0, untold: 0, newest_ns: None })
     }
 
     /// `frames`, `frames_incomplete`, `packets` (empty ones apart), `packets_invalid` (short, foreign, doubled, too late, or junk) and
@@ -236,7 +238,8 @@ impl<B: AsMut<[u8]>> Assembler<B> {
         for samples in missing(packing, present) {
             erase(packed, packing, &samples);
         }
-        let frame = Frame { timestamp_ns, arrival_ns, packed, packing, present };
+        let lost = core::mem::take(&mut self.untold);
+        let frame = Frame { timestamp_ns, arrival_ns, packed, packing, present, lost };
         self.counters.frames += 1;
         self.counters.frames_incomplete += u64::from(!frame.is_whole());
         sink(frame);
@@ -249,6 +252,7 @@ impl<B: AsMut<[u8]>> Assembler<B> {
         let frames_between = (0..128).find(|frames| counted.wrapping_add((frames * packets) as u8) == current.base).unwrap_or(0);
         let lost = ((frames_between * packets) as u64).saturating_sub(self.strays) + (packets - current.present.len()) as u64;
         self.counters.packets_lost += lost;
+        self.untold += lost;
         self.counters.packets_invalid += current.clashes;
         (self.counted, self.strays) = (Some(current.base.wrapping_add(packets as u8)), 0);
     }

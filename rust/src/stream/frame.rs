@@ -47,7 +47,12 @@ pub struct Frame<'a> {
     pub packing: Packing,
     /// The packets that are in it.
     pub present: PacketSet,
+    /// Packets lost since the frame that was handed out before, its own missing ones counted.
+    pub lost: u64,
 }
+
+/// A frame's missing samples are so many ranges at most: every second packet of the longest frame.
+pub const MOST_HOLES: usize = Packing::Eleven.packets().div_ceil(2);
 
 impl Frame<'_> {
     /// Whether every sample is the device's.
