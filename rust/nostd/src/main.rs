@@ -54,9 +54,11 @@ fn sees_a_ball() -> Option<bool> {
     let (mut limits, mut farthest, mut depths) = ([0; SIZES.pixels], [0; SIZES.pixels], [0.0; SIZES.depths]);
     let (mut runs, mut lanes) = ([Default::default(); SIZES.runs], [Default::default(); SIZES.lanes]);
     let (mut marks, mut numbers) = ([Default::default(); SIZES.rows], [0.0; SIZES.numbers]);
+    let mut strangers = [[0; 2]; SIZES.pixels];
     let buffers = Buffers {
         limits: Slice::Borrowed(&mut limits),
         farthest: Slice::Borrowed(&mut farthest),
+        strangers: Slice::Borrowed(&mut strangers),
         samples: Slice::Borrowed(&mut []),
         depths: Slice::Borrowed(&mut depths),
         marks: Slice::Borrowed(&mut marks),

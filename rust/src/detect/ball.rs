@@ -103,11 +103,6 @@ impl<S: Sample> View<'_, S> {
         0.5 * radius
     }
 
-    /// How far from its surface and its center the ball may show, m.
-    fn reach(&self, center: &Vec3) -> f32 {
-        (2.0 * Self::jump(self.radius) + 4.0 * self.noise.axial(center.z)) as f32
-    }
-
     /// Whether a pixel can't tell where the ball's edge is: outside of the image, or what is behind or before the ball comes too near.
     fn blind(&self, column: f64, row: f64, surface: f64, margins: [f64; 2]) -> bool {
         let inside = column >= 0.0 && row >= 0.0 && column < self.camera.width as f64 && row < self.camera.height as f64;
@@ -128,8 +123,8 @@ impl<S: Sample> View<'_, S> {
     ) -> Evidence {
         let Guess { center, shortfall } = *guess;
         let (camera, scale, axial) = (self.camera, self.scale(center.z), self.noise.axial(center.z));
-        let near = self.reach(&center);
-        let gate = (4.0 * axial + 0.5 * Self::jump(self.radius)) as f32;
+        // From how far before its surface to how far behind its center the ball may show, and how wild a reading of it may be, m.
+        let [near, far, gate] = [2.0, 0.5, 0.5].map(|jumps| (4.0 * axial + jumps * Self::jump(self.radius)) as f32);
         let (edge, outer) = ((self.radius - shortfall) as f32, (self.radius - shortfall + BAND / scale) as f32);
         let [inner, well_inside] = [BAND, 1.0].map(|pixels| (edge - (pixels / scale) as f32).max(0.0));
         let slope = (scale / (2.0 * BAND)) as f32;
@@ -148,7 +143,7 @@ impl<S: Sample> View<'_, S> {
                 let index = pixel_y * camera.width + pixel_x;
                 let depth = if surface.depth[i].is_nan() { 0.0 } else { surface.depth[i] };
                 let reading = self.frame.foreground(index).map(|z| (z - center.z) as f32);
-                let shows = reading.is_some_and(|z| z > depth - near && z < near);
+                let shows = reading.is_some_and(|z| z > depth - near && z < far);
                 evidence.mask += u32::from(shows);
 
                 let residual = reading.filter(|_| shows).map(|z| z - depth);

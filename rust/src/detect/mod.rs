@@ -1,5 +1,6 @@
 //! From a depth image to the balls in it.
 
+pub mod background;
 pub mod ball;
 pub mod components;
 pub mod equations;
