@@ -1,4 +1,5 @@
-//! How well balls are seen in simulated scenes. `cargo test --release --test seeing_accuracy -- --ignored --nocapture` prints the table.
+//! How well balls are seen in simulated scenes. `cargo test --release --test seeing_accuracy -- --ignored --nocapture` prints the table,
+//! of seeds 100 to 102 or of ten from SEEDS.
 
 use physinc::config::ObjectConfig;
 use physinc::detect::Blob;
@@ -46,9 +47,6 @@ impl Tally {
                     frame.truth.balls.iter().min_by(|a, b| error(a).norm().total_cmp(&error(b).norm())).filter(|b| error(b).norm() < 0.1)
                 else {
                     self.wrong += 1;
-                    if std::env::var("ERRORS").is_ok() {
-                        println!("W {} {:?}", self.frames, detection);
-                    }
                     continue;
                 };
                 let e = error(ball);
@@ -57,22 +55,6 @@ impl Tally {
                 let axes = [right, sight.cross(&right), sight];
                 let parts = Vec3::from_fn(|i, _| e.dot(&axes[i]));
                 self.found += 1;
-                if std::env::var("ERRORS").is_ok() {
-                    let sd = Vec3::from_fn(|i, _| axes[i].dot(&(detection.covariance * axes[i])).sqrt());
-                    println!(
-                        "E {} {} {} {} {} {} {} {} {} {}",
-                        detection.center.x,
-                        detection.center.y,
-                        detection.center.z,
-                        parts.x,
-                        parts.y,
-                        parts.z,
-                        sd.x,
-                        sd.y,
-                        sd.z,
-                        ball.in_view
-                    );
-                }
                 self.sum += parts;
                 self.squares += parts.component_mul(&parts);
                 self.expected += Vec3::from_fn(|i, _| axes[i].dot(&(detection.covariance * axes[i])));
@@ -136,8 +118,8 @@ fn report() {
 
 #[test]
 fn centers_and_their_covariances_are_as_good_as_stated() {
-    // Stated: across the line of sight 1.0 and 1.35 mm (each direction), along it 1.5 and 2.6 mm.
-    for (distance, lateral, along) in [(1.5, 1.0e-3, 1.5e-3), (2.0, 1.35e-3, 2.6e-3)] {
+    // Stated: across the line of sight 0.9 and 1.35 mm (each direction), along it 1.1 and 2.1 mm.
+    for (distance, lateral, along) in [(1.5, 0.9e-3, 1.1e-3), (2.0, 1.35e-3, 2.1e-3)] {
         let mut tally = Tally::default();
         tally.see(&format!("passive_flight?throws=5&distance={distance}&seed=7"));
         tally.print("passive_flight");
