@@ -1,10 +1,11 @@
 //! Packets, frames or positions to events: assembling, seeing and reasoning in one, and the stream's time watched.
 
-use crate::config::Config;
+use crate::config::{Config, SceneAssumption};
 use crate::detect::{Blob, Detection};
 use crate::error::ConfigError;
 use crate::event::{Counters, Event, Gap, GapReason, Kind};
 use crate::geometry::camera::{Camera, DepthCode, Pose};
+use crate::geometry::environment::Environment;
 use crate::kinect::disparity::{HEIGHT, Packing, WIDTH};
 use crate::kinect::packet::FRAMES_PER_SECOND;
 use crate::reasoning::{Predictor, Reasoning};
@@ -51,7 +52,12 @@ impl<'b> Engine<'b> {
     /// A value of the configuration that can't be, or buffers that are too small.
     pub fn for_frames(config: &Config, camera: &Camera, buffers: Buffers<'b>) -> Result<Self, ConfigError> {
         config.validate()?;
-        let seeing = Seeing::new(camera, &config.object, config.tracking.background_frames, buffers)?;
+        let mut seeing = Seeing::new(camera, &config.object, config.tracking.background_frames, buffers)?;
+        if config.assume.scene == SceneAssumption::Known {
+            let expected = "\"unknown\", or a camera whose world_from_camera is told";
+            let pose = camera.pose.ok_or(ConfigError { key: "assume.scene", value: f64::NAN, expected })?;
+            seeing.know(Environment::new(&config.environment), pose);
+        }
         Ok(Self::with(config, Some(camera), Some(seeing), None))
     }
 

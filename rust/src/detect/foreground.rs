@@ -1,6 +1,5 @@
 //! What was not there before: samples as keys that grow with depth, and the depth of the scene without the ball.
 
-use super::noise::Noise;
 use crate::geometry::camera::{Camera, DepthCode, NO_DISPARITY};
 use core::cell::Cell;
 use core::ops::Range;
@@ -150,39 +149,4 @@ impl<S: Sample> Frame<'_, S> {
         }
         self.limits.get(index).and_then(|limit| S::depth_of_key(*limit, &self.coding)).unwrap_or(f64::INFINITY)
     }
-}
-
-/// Learns the farthest but one reading of each pixel. A ball that rolls through is nearer than what it hides, so it can't burn in, and a
-/// single wild reading is left out. Both slices hold key + 1, and 0 where there was no reading.
-pub fn learn<S: Sample>(samples: &[S], coding: &Coding, second: &mut [u16], farthest: &mut [u16]) {
-    let beyond = first_key_beyond::<S>(coding);
-    for ((sample, second), farthest) in samples.iter().zip(second).zip(farthest) {
-        let key = sample.key(coding);
-        let key = if key < beyond { key + 1 } else { 0 };
-        *second = (*second).max(key.min(*farthest));
-        *farthest = (*farthest).max(key);
-    }
-}
-
-/// Turns what `frames` frames taught into limits: four standard deviations before the background, and everything where there was none.
-pub fn limit<S: Sample>(coding: &Coding, frames: u32, second: &mut [u16], farthest: &[u16]) {
-    let noise = Noise::default();
-    let beyond = first_key_beyond::<S>(coding);
-    for (limit, farthest) in second.iter_mut().zip(farthest) {
-        let background = if frames < 3 { *farthest } else { *limit };
-        *limit = match background.checked_sub(1).and_then(|key| Some((key, S::depth_of_key(key, coding)?))) {
-            None => beyond,
-            Some((key, z)) => key.saturating_sub(libm::ceil(4.0 * noise.axial(z) / S::step(z, coding)) as u16),
-        };
-    }
-}
-
-/// The first key that is farther than the camera's `max_depth`, or no depth at all.
-fn first_key_beyond<S: Sample>(coding: &Coding) -> u16 {
-    let (mut low, mut high) = (0, NO_KEY);
-    while low < high {
-        let mid = low + (high - low) / 2;
-        if S::depth_of_key(mid, coding).is_some() { low = mid + 1 } else { high = mid }
-    }
-    low
 }

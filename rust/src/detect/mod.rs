@@ -1,11 +1,14 @@
 //! From a depth image to the balls in it.
 
+pub mod background;
 pub mod ball;
 pub mod components;
 pub mod equations;
 pub mod foreground;
 pub mod noise;
+pub mod patch;
 pub mod sphere;
+pub mod window;
 
 use crate::math::{Mat3, Vec3};
 

@@ -1,9 +1,12 @@
-//! The known environment E: planes, boxes and spheres, and which of them a ball touches.
+//! The known environment E: planes, boxes and spheres, which of them a ball touches, and how far a ray sees.
 
 use crate::config::{EnvironmentConfig, Name};
 use crate::math::{Mat3, Vec3, sqrt};
 use heapless::Vec;
 use nalgebra::{Quaternion, UnitQuaternion};
+use parry3d::math::Vec3 as Single;
+use parry3d::query::{Ray, RayCast};
+use parry3d::shape::{Ball, Cuboid, HalfSpace};
 
 /// What a surface is known to be.
 #[derive(Clone, Debug, PartialEq)]
@@ -76,6 +79,11 @@ impl Environment {
         &self.surfaces
     }
 
+    /// How many times `ray` (m) a ray from `origin` (m, both world frame) goes until it meets a surface, at most `longest` times.
+    pub fn cast(&self, origin: &Vec3, ray: &Vec3, longest: f64) -> Option<f64> {
+        self.surfaces.iter().filter_map(|surface| surface.cast(origin, ray, longest)).min_by(f64::total_cmp)
+    }
+
     /// Id of the surface that a ball of `radius` (m) at `center` (with covariance, m²) touches, and the normal there.
     pub fn touched(&self, center: &Vec3, covariance: &Mat3, radius: f64) -> Option<(u32, Vec3)> {
         let nearest = self.surfaces.iter().enumerate().map(|(id, s)| {
@@ -89,6 +97,24 @@ impl Environment {
 }
 
 impl KnownSurface {
+    fn cast(&self, origin: &Vec3, ray: &Vec3, longest: f64) -> Option<f64> {
+        let single = |v: Vec3| Single::new(v.x as f32, v.y as f32, v.z as f32);
+        let local = |origin: Vec3, ray: Vec3| Ray::new(single(origin), single(ray));
+        let longest = longest as f32;
+        let times = match &self.shape {
+            Shape::Plane => {
+                HalfSpace::new(single(self.normal)).cast_local_ray(&local(origin - self.normal * self.offset, *ray), longest, true)
+            }
+            Shape::Sphere { center, radius } => Ball::new(*radius as f32).cast_local_ray(&local(origin - center, *ray), longest, true),
+            Shape::Box { center, half, rotation } => {
+                let turn = rotation.transpose();
+                Cuboid::new(single(*half)).cast_local_ray(&local(turn * (origin - center), turn * ray), longest, true)
+            }
+        }?;
+        // Who stands inside sees nothing of it.
+        (times > 0.0).then_some(times.into())
+    }
+
     /// Distance of `p` from the surface, negative inside, and the unit normal towards `p` there.
     fn distance(&self, p: &Vec3) -> (f64, Vec3) {
         match &self.shape {
@@ -132,5 +158,24 @@ mod tests {
         assert!(id == 1 && (normal.x - libm::cos(0.1)).abs() < 1e-9);
         assert_eq!(e.touched(&Vec3::new(-1.0, 0.0, 1.033), &c, 0.033).unwrap().0, 2);
         assert_eq!(e.touched(&Vec3::new(0.0, 1.0, 0.5), &c, 0.033), None);
+    }
+    #[test]
+    fn a_ray_ends_at_the_nearest_surface() {
+        let mut config = EnvironmentConfig::default();
+        config.plane.push(KnownPlane::default()).unwrap();
+        let known = KnownBox { center: [0.0, 2.0, 0.5], size: [1.0, 1.0, 1.0], yaw: core::f64::consts::FRAC_PI_4, ..KnownBox::default() };
+        config.r#box.push(known).unwrap();
+        config.sphere.push(KnownSphere { center: [-3.0, 2.0, 1.0], radius: 0.5, ..KnownSphere::default() }).unwrap();
+        let e = Environment::new(&config);
+        let eye = Vec3::new(0.0, 0.0, 1.0);
+        let meets = |ray: Vec3, times: Option<f64>| match (e.cast(&eye, &ray, 10.0), times) {
+            (Some(got), Some(times)) => assert!((got - times).abs() < 1e-5, "{ray} {got}"),
+            (got, times) => assert_eq!(got, times, "{ray}"),
+        };
+        meets(Vec3::new(0.0, 2.0, -0.5), Some(1.0 - sqrt(0.125)));
+        meets(Vec3::new(2.0, 1.0, -0.2), Some(5.0));
+        meets(Vec3::new(2.0, 1.0, -0.05), None);
+        meets(Vec3::new(-3.0, 2.0, 0.0), Some(1.0 - 0.5 / sqrt(13.0)));
+        meets(Vec3::new(0.0, 0.0, 1.0), None);
     }
 }

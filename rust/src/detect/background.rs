@@ -1,0 +1,144 @@
+//! The depth of the scene without the ball: learned from first frames, known from the environment, and followed as it changes.
+//!
+//! Each pixel has a limit, the first key that is background, and the key of what it is taken to show, which the limit keeps its distance from.
+
+use super::foreground::{Coding, NO_KEY, Sample};
+use super::noise::Noise;
+
+/// Frames in which each pixel is looked at once for change: 2 s at 30 Hz.
+pub const ROUND: usize = 60;
+/// Looks that must agree before what has been put down, or taken away, is background: 10 s at 30 Hz.
+const STAY: u16 = 5;
+/// A limit lies this many standard deviations before the background.
+const SIGMAS: f64 = 4.0;
+/// How far known surfaces may be from where they are said to be, m.
+const SURVEY_SD: f64 = 0.005;
+
+/// What a pixel shows in place of its background: a key, and in how many looks.
+pub type Stranger = [u16; 2];
+
+/// Learns the farthest but one reading of each pixel. A ball that rolls through is nearer than what it hides, so it can't burn in, and a
+/// single wild reading is left out. Both slices hold key + 1, and 0 where there was no reading.
+pub fn learn<S: Sample>(samples: &[S], coding: &Coding, second: &mut [u16], farthest: &mut [u16]) {
+    let beyond = first_key_beyond::<S>(coding);
+    for ((sample, second), farthest) in samples.iter().zip(second).zip(farthest) {
+        let key = sample.key(coding);
+        let key = if key < beyond { key + 1 } else { 0 };
+        *second = (*second).max(key.min(*farthest));
+        *farthest = (*farthest).max(key);
+    }
+}
+
+/// Turns what `frames` frames taught into limits and shown keys: both behind everything where there was nothing.
+pub fn limit<S: Sample>(coding: &Coding, frames: u32, limits: &mut [u16], shown: &mut [u16]) {
+    let beyond = first_key_beyond::<S>(coding);
+    for (second, farthest) in limits.iter_mut().zip(shown) {
+        let learned = if frames < 3 { *farthest } else { *second };
+        let background = learned.checked_sub(1).and_then(|key| Some((key, margin::<S>(key, coding, 0.0)?)));
+        (*second, *farthest) = background.map_or((beyond, beyond), |(key, margin)| (key.saturating_sub(margin), key));
+    }
+}
+
+/// Puts a known surface at depth `z` (m) in; where something nearer was learned, that stays.
+pub fn know<S: Sample>(coding: &Coding, z: f64, limit: &mut u16, shown: &mut u16) {
+    let key = first_key(|key| S::depth_of_key(key, coding).is_none_or(|depth| depth >= z));
+    if let Some(margin) = margin::<S>(key, coding, SURVEY_SD)
+        && key.saturating_sub(margin) < *limit
+    {
+        (*limit, *shown) = (key.saturating_sub(margin), key);
+    }
+}
+
+/// Looks at the pixels of one row for change. Small differences are followed by one key a look; what shows the same for long enough, and is
+/// none of what is `kept` out, becomes background.
+pub fn follow<S: Sample>(
+    samples: &[S],
+    coding: &Coding,
+    limits: &mut [u16],
+    shown: &mut [u16],
+    strangers: &mut [Stranger],
+    kept: impl Fn(usize) -> bool,
+) {
+    let beyond = first_key_beyond::<S>(coding);
+    for (column, (((sample, limit), shown), stranger)) in samples.iter().zip(limits).zip(shown).zip(strangers).enumerate() {
+        let key = sample.key(coding);
+        if key >= beyond || kept(column) {
+            continue;
+        }
+        let tolerance = (*shown - (*limit).min(*shown)).max(1);
+        if key.abs_diff(*shown) <= tolerance {
+            // To where as many readings are nearer as are farther.
+            let step = u16::from(key > *shown).wrapping_sub(u16::from(key < *shown));
+            (*limit, *shown) = (limit.wrapping_add(step), shown.wrapping_add(step));
+            *stranger = [0; 2];
+        } else if let Some(margin) = margin::<S>(key, coding, 0.0) {
+            let [before, looks] = *stranger;
+            *stranger = if looks > 0 && key.abs_diff(before) <= margin { [before, looks + 1] } else { [key, 1] };
+            if stranger[1] >= STAY {
+                (*limit, *shown, *stranger) = (key.saturating_sub(margin), key, [0; 2]);
+            }
+        }
+    }
+}
+
+/// How many keys before background at `key` its limit lies.
+fn margin<S: Sample>(key: u16, coding: &Coding, sd: f64) -> Option<u16> {
+    let z = S::depth_of_key(key, coding)?;
+    Some(libm::ceil(SIGMAS * libm::hypot(Noise::default().axial(z), sd) / S::step(z, coding)) as u16)
+}
+
+/// The first key that is farther than the camera's `max_depth`, or no depth at all.
+fn first_key_beyond<S: Sample>(coding: &Coding) -> u16 {
+    first_key(|key| S::depth_of_key(key, coding).is_none())
+}
+
+/// The first key from which on `is` holds.
+fn first_key(is: impl Fn(u16) -> bool) -> u16 {
+    let (mut low, mut high) = (0, NO_KEY);
+    while low < high {
+        let mid = low + (high - low) / 2;
+        if is(mid) { high = mid } else { low = mid + 1 }
+    }
+    low
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::CameraConfig;
+    use crate::geometry::camera::{Camera, DepthCode};
+
+    /// Millimetres, one pixel: learns a wall at 2 m, then looks at what follows. Returns the depths of its limit.
+    fn limits(looks: impl Iterator<Item = (u16, bool)>) -> std::vec::Vec<u16> {
+        let camera = Camera::from_config(&CameraConfig::default(), DepthCode::Depth { units_per_metre: 1000.0 }).unwrap();
+        let coding = Coding::new(&camera);
+        let (mut limit_, mut shown, mut stranger) = ([0], [0], [[0; 2]]);
+        (0..15).for_each(|_| learn(&[2000_u16], &coding, &mut limit_, &mut shown));
+        limit::<u16>(&coding, 15, &mut limit_, &mut shown);
+        let look = |(sample, kept): (u16, bool)| {
+            follow(&[sample], &coding, &mut limit_, &mut shown, &mut stranger, |_| kept);
+            limit_[0] + 1
+        };
+        looks.map(look).collect()
+    }
+
+    #[test]
+    fn slow_drift_is_followed() {
+        let margin = 2000 - limits([(2000, false)].into_iter())[0];
+        assert!((15..40).contains(&margin));
+        let drifted = limits((0..200).map(|i| (2000 - i / 2, false)));
+        assert!(drifted.last().unwrap().abs_diff(1901 - margin) <= 1);
+        assert!(limits((0..200).map(|i| (2000 + i / 2, false))).last().unwrap().abs_diff(2099 - margin) <= 1);
+    }
+
+    #[test]
+    fn what_stays_becomes_background_and_what_moves_or_is_a_ball_does_not() {
+        let box_put_down = limits((0..STAY).map(|_| (1500, false)));
+        assert!(box_put_down[usize::from(STAY) - 2] > 1900 && *box_put_down.last().unwrap() < 1500);
+        let taken_away = limits((0..STAY).map(|_| (3000, false)));
+        assert!((2800..3000).contains(taken_away.last().unwrap()));
+        assert!(limits((0..100).map(|i| (1000 + 100 * (i % 7), false))).iter().all(|z| *z > 1900));
+        assert!(limits((0..100).map(|_| (1500, true))).iter().all(|z| *z > 1900));
+        assert!(limits((0..100).map(|_| (0, false))).iter().all(|z| *z > 1900));
+    }
+}
