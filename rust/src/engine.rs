@@ -1,5 +1,6 @@
 //! Packets, frames or positions to events: assembling, seeing and reasoning in one, and the stream's time watched.
 
+use crate::attention::Attention;
 use crate::config::Config;
 use crate::detect::{Blob, Detection};
 use crate::error::ConfigError;
@@ -38,6 +39,7 @@ pub struct Engine<'b> {
     /// Packets lost that no gap has told of.
     untold: u64,
     seeing: Option<Seeing<'b>>,
+    attention: Attention,
     camera: Option<Camera>,
     reasoning: Reasoning,
     timeline: Timeline,
@@ -54,7 +56,16 @@ impl<'b> Engine<'b> {
         let seeing = Seeing::new(camera, &config.object, config.tracking.background_frames, buffers)?;
         let reasoning = Reasoning::new(config, Some(camera));
         let timeline = Timeline::default();
-        Ok(Self { assembler: None, untold: 0, seeing: Some(seeing), camera: Some(*camera), reasoning, timeline, inputs: 0 })
+        Ok(Self {
+            assembler: None,
+            untold: 0,
+            seeing: Some(seeing),
+            attention: Attention::new(config),
+            camera: Some(*camera),
+            reasoning,
+            timeline,
+            inputs: 0,
+        })
     }
 
     /// For the packets of a Kinect's depth endpoint, whose frames are packed as `packing` and seen by `camera`: in `buffers` as of
@@ -91,7 +102,16 @@ impl<'b> Engine<'b> {
     pub fn for_positions(config: &Config) -> Result<Self, ConfigError> {
         config.validate()?;
         let reasoning = Reasoning::new(config, None);
-        Ok(Self { assembler: None, untold: 0, seeing: None, camera: None, reasoning, timeline: Timeline::default(), inputs: 0 })
+        Ok(Self {
+            assembler: None,
+            untold: 0,
+            seeing: None,
+            attention: Attention::new(config),
+            camera: None,
+            reasoning,
+            timeline: Timeline::default(),
+            inputs: 0,
+        })
     }
 
     /// The pose that fixes the stream's world.
@@ -154,7 +174,8 @@ impl<'b> Engine<'b> {
             gaps[1] = Some(packets_lost(before, timestamp_ns, core::mem::take(&mut self.untold), loss.missing));
         }
         let mut detections: Vec<Detection, 16> = Vec::new();
-        seeing.see_in(image, Scope { missing: loss.missing, bands: &[] }, &mut detections)?;
+        let bands = self.attention.bands(timestamp_ns, camera, &self.reasoning);
+        let whole = seeing.see_in(image, Scope { missing: loss.missing, bands: &bands }, &mut detections)?;
         let pose = self.reasoning.world_from_camera();
         let readout = camera.readout / (camera.height as f64 - 1.0);
         let measured: Vec<Measurement, 16> = detections
@@ -173,6 +194,7 @@ impl<'b> Engine<'b> {
             .collect();
         tell_gaps(gaps, timestamp_ns, sink);
         self.reasoning.push(timestamp_ns, frame, &measured, sink);
+        self.attention.saw(timestamp_ns, whole, &detections, self.reasoning.tracks());
         Ok(())
     }
 

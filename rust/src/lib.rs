@@ -43,6 +43,7 @@
 #[cfg(feature = "std")]
 extern crate std;
 
+mod attention;
 pub mod config;
 #[cfg(feature = "std")]
 pub mod config_file;
