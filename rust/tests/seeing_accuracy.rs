@@ -23,6 +23,7 @@ struct Tally {
     frames: u32,
     time: f64,
     rms: f64,
+    depth: f64,
 }
 
 impl Tally {
@@ -45,6 +46,9 @@ impl Tally {
                     frame.truth.balls.iter().min_by(|a, b| error(a).norm().total_cmp(&error(b).norm())).filter(|b| error(b).norm() < 0.1)
                 else {
                     self.wrong += 1;
+                    if std::env::var("ERRORS").is_ok() {
+                        println!("W {} {:?}", self.frames, detection);
+                    }
                     continue;
                 };
                 let e = error(ball);
@@ -53,11 +57,28 @@ impl Tally {
                 let axes = [right, sight.cross(&right), sight];
                 let parts = Vec3::from_fn(|i, _| e.dot(&axes[i]));
                 self.found += 1;
+                if std::env::var("ERRORS").is_ok() {
+                    let sd = Vec3::from_fn(|i, _| axes[i].dot(&(detection.covariance * axes[i])).sqrt());
+                    println!(
+                        "E {} {} {} {} {} {} {} {} {} {}",
+                        detection.center.x,
+                        detection.center.y,
+                        detection.center.z,
+                        parts.x,
+                        parts.y,
+                        parts.z,
+                        sd.x,
+                        sd.y,
+                        sd.z,
+                        ball.in_view
+                    );
+                }
                 self.sum += parts;
                 self.squares += parts.component_mul(&parts);
                 self.expected += Vec3::from_fn(|i, _| axes[i].dot(&(detection.covariance * axes[i])));
                 self.nees += e.dot(&detection.covariance.cholesky().unwrap().solve(&e));
                 self.rms += detection.residual_rms;
+                self.depth += detection.center.z;
             }
         }
         self.factors = [seeing.factors().cap.value(), seeing.factors().outline.value()];
@@ -77,10 +98,11 @@ impl Tally {
         let three = |v: Vec3| format!("{:5.2} {:5.2} {:5.2}", v.x, v.y, v.z);
         let (nees, residual, time) = (self.nees(), self.rms / n * mm, self.time / f64::from(self.frames) * 1e6);
         println!(
-            "{name:42} {:5} {:5} {:5}  {}  {}  {}  {nees:5.2} {residual:5.2} {:5.2} {:5.2} {time:5.0}",
+            "{name:42} {:5} {:5} {:5} {:5.2}  {}  {}  {}  {nees:5.2} {residual:5.2} {:5.2} {:5.2} {time:5.0}",
             self.balls,
             self.found,
             self.wrong,
+            self.depth / n,
             three(rms),
             three(bias),
             three(sd),
@@ -99,12 +121,13 @@ fn report() {
          passive_flight?distance=2&window=5 passive_flight?distance=2&sigma=1.5 passive_flight?distance=2&focal_factor=1.01"
             .to_owned()
     });
+    let seeds = std::env::var("SEEDS").map_or(100..103, |first| first.parse().map(|first: u64| first..first + 10).unwrap());
     println!(
-        "scene; balls, found, wrong; rms, bias, expected sd (right, down, along, mm); NEES/3, residual (mm), factors (cap, outline), µs a frame"
+        "scene; balls, found, wrong; mean depth (m); rms, bias, expected sd (right, down, along, mm); NEES/3, residual (mm), factors (cap, outline), µs a frame"
     );
     for scene in variants.split_whitespace() {
         let mut tally = Tally::default();
-        for seed in 100..103 {
+        for seed in seeds.clone() {
             tally.see(&format!("{scene}&seed={seed}"));
         }
         tally.print(scene);

@@ -1,23 +1,29 @@
 //! A ball of known radius in one image: the depth of its cap and its silhouette, in one set of normal equations.
+//!
+//! Across the line of sight the silhouette and the cap's slope tell about as much. The cap is fitted by generalised least squares: with noise that
+//! neighbours share, weights as if it were independent would lose half of what its slope tells.
 
-use super::equations::{Equations, threefold, twofold};
+use super::equations::{Equations, Normal};
 use super::foreground::{Frame, Sample};
-use super::noise::{Factors, Noise, Score, ScoreCovariance, Scores};
+use super::noise::{Factors, Noise, Shares};
+use super::patch::{Patch, Surface};
+use super::window::{CELLS, Lanes, moments, products};
 use super::{Blob, Detection};
 use crate::geometry::camera::Camera;
-use crate::math::{Mat3, Vec3, ceil, floor, sqrt, symmetric};
-use nalgebra::Vector2;
+use crate::math::{Mat3, Vec3, round, sqrt, sqrtf, symmetric};
+use nalgebra::{Matrix3x2, SVector};
 
-/// Residuals beyond this many standard deviations count linearly only (Huber).
-const HUBER: f64 = 2.0;
-/// Part of the radius within which depth is compared: nearer to the edge, noise decides which pixels show the ball.
-const CAP: f64 = 0.85;
 /// Half the width over which the silhouette's edge is compared, px: wide enough for its noise, narrow enough to see nothing else.
 const BAND: f64 = 2.0;
 /// Prior of how far the silhouette falls short of the disc because grazing rays return nothing: mean and standard deviation, px.
 const SHORTFALL: (f64, f64) = (0.5, 1.0);
-/// Pixels across, above which only every second, third, … pixel of a ball is read.
-pub const PATCH: usize = 96;
+/// A guess is linear to well below the noise within this many pixels across, and this part of the radius along.
+const LINEAR: (f64, f64) = (0.5, 0.1);
+/// Linearisations at most.
+const ROUNDS: usize = 5;
+
+/// [`Lanes`] and single numbers that a fit needs room for.
+pub const ROOM: (usize, usize) = (6 * CELLS, 3 * CELLS);
 
 /// What is needed to look for a ball.
 pub struct View<'v, S> {
@@ -43,15 +49,21 @@ pub struct Found {
     pub outline_ratio: f64,
 }
 
+/// A guess that is being refined: center, and the silhouette's shortfall, m.
+#[derive(Clone, Copy)]
+struct Guess {
+    center: Vec3,
+    shortfall: f64,
+}
+
 /// What the pixels around a ball say, given a guess of it.
 #[derive(Default)]
 struct Evidence {
-    cap: Equations,
-    outline: Equations,
-    /// Pixels that took part in `cap`, sums of their squared residuals: m², and in units of their variances.
+    /// Σ of the outline's jacobian times its residual.
+    outline: [f32; 4],
+    /// Pixels whose depth takes part, and those that show something near the ball, but no ball.
     points: u32,
-    squares: f64,
-    normalized: f64,
+    wild: u32,
     /// Pixels well inside the disc; of those, the ones that show the ball, and the ones that the background may hide.
     disc: u32,
     seen: u32,
@@ -60,38 +72,18 @@ struct Evidence {
     mask: u32,
 }
 
-/// Pixels to look at: a rectangle, thinned where it is large.
-struct Patch {
-    left: usize,
-    top: usize,
-    columns: usize,
-    rows: usize,
-    stride: usize,
-    cut: bool,
+/// Two unit vectors across the line of sight to `center`.
+fn across(center: &Vec3) -> [Vec3; 2] {
+    let sight = center.normalize();
+    let right = Vec3::y().cross(&sight).normalize();
+    [right, sight.cross(&right)]
 }
 
-/// A guess that is being refined: center, and the silhouette's shortfall, m.
-#[derive(Clone, Copy)]
-struct Guess {
-    center: Vec3,
-    shortfall: f64,
-}
-
-/// How a ray passes a ball: the ray's length at which it is nearest to the center, how near it comes, m, and half its way inside (in lengths).
-struct Chord {
-    along: f64,
-    offset: f64,
-    half: f64,
-}
-
-impl Chord {
-    #[inline]
-    fn new(ray: &Vec3, center: &Vec3, radius: f64) -> Self {
-        let ray_square = ray.norm_squared();
-        let along = ray.dot(center) / ray_square;
-        let offset_square = (center.norm_squared() - along * along * ray_square).max(0.0);
-        Self { along, offset: sqrt(offset_square), half: sqrt(((radius * radius - offset_square) / ray_square).max(0.0)) }
-    }
+/// Sum of the squared residuals that a step leaves.
+fn squares_after(step: &Vec3, jacobian: &[Lanes], residuals: &[f32]) -> f64 {
+    let [right, down, along] = [step.x, step.y, step.z].map(|x| x as f32);
+    let left = jacobian.iter().zip(residuals).map(|(j, r)| r - j[0] * right - j[1] * down - j[2] * along);
+    f64::from(left.fold(0.0_f32, |sum, left| sum + left * left))
 }
 
 impl<S: Sample> View<'_, S> {
@@ -111,207 +103,174 @@ impl<S: Sample> View<'_, S> {
         0.5 * radius
     }
 
-    fn patch(&self, center: &Vec3) -> Option<Patch> {
-        let camera = self.camera;
-        let (column, row) = camera.project(center)?;
-        // The disc of a ball off the axis is an ellipse, longer by 1/cos of the angle; squared, it is on the safe side.
-        let margin = self.radius * center.norm_squared() / (center.z * center.z * center.z);
-        let (half_width, half_height) = (margin * camera.fx, margin * camera.fy);
-        let span = |middle: f64, half: f64, size: usize| {
-            let (low, high) = (floor(middle - half - BAND - 1.0), ceil(middle + half + BAND + 2.0));
-            let range = low.clamp(0.0, size as f64) as usize..high.clamp(0.0, size as f64) as usize;
-            (range, middle - half < 0.0 || middle + half > size as f64 - 1.0)
-        };
-        let (columns, cut_x) = span(column, half_width, camera.width);
-        let (rows, cut_y) = span(row, half_height, camera.height);
-        if columns.is_empty() || rows.is_empty() {
-            return None;
-        }
-        let stride = columns.len().max(rows.len()).div_ceil(PATCH);
-        Some(Patch {
-            left: columns.start,
-            top: rows.start,
-            columns: columns.len().div_ceil(stride),
-            rows: rows.len().div_ceil(stride),
-            stride,
-            cut: cut_x || cut_y,
-        })
+    /// How far from its surface and its center the ball may show, m.
+    fn reach(&self, center: &Vec3) -> f32 {
+        (2.0 * Self::jump(self.radius) + 4.0 * self.noise.axial(center.z)) as f32
     }
 
-    /// The ray through a pixel of the patch, and the pixel's index.
-    #[inline]
-    fn ray(&self, patch: &Patch, x: usize, y: usize) -> (Vec3, usize) {
-        let (column, row) = (patch.left + x * patch.stride, patch.top + y * patch.stride);
-        (self.camera.deproject(column as f64, row as f64, 1.0), row * self.camera.width + column)
+    /// Whether a pixel can't tell where the ball's edge is: outside of the image, or what is behind or before the ball comes too near.
+    fn blind(&self, column: f64, row: f64, surface: f64, margins: [f64; 2]) -> bool {
+        let inside = column >= 0.0 && row >= 0.0 && column < self.camera.width as f64 && row < self.camera.height as f64;
+        let index = row as usize * self.camera.width + column as usize;
+        !inside || self.frame.limit(index) < surface + margins[1] || self.frame.reading(index).is_some_and(|z| z < surface - margins[0])
     }
 
-    /// Fills `cap` with the depth that each pixel of the patch shows, less the center's, m: the mean of the surface over the matching window.
-    fn render(&self, patch: &Patch, center: &Vec3, scores: &mut [[f32; 5]], cap: &mut [f32]) -> Option<()> {
-        let mut surface = Scores::<2>::new(scores, patch.columns, patch.rows, self.window(patch))?;
-        for y in 0..patch.rows {
-            for x in 0..patch.columns {
-                let chord = Chord::new(&self.ray(patch, x, y).0, center, self.radius);
-                if chord.half > 0.0 {
-                    surface.set(x, y, [chord.along - chord.half - center.z, 1.0]);
-                }
-            }
-        }
-        surface.means(|x, y, mean| {
-            if let Some(depth) = cap.get_mut(y * patch.columns + x) {
-                *depth = mean;
-            }
-        });
-        Some(())
-    }
-
-    /// The matching window, in pixels of the patch.
-    fn window(&self, patch: &Patch) -> [usize; 2] {
-        self.noise.window.map(|edge| edge.div_ceil(patch.stride))
-    }
-
-    /// The depth that a pixel of the patch shows, less the center's, and its derivatives by the center; `None` at the edge.
-    fn surface(&self, patch: &Patch, center: &Vec3, cap: &[f32], x: usize, y: usize) -> Option<(f64, Vec3)> {
-        let at = |x: usize, y: usize| cap.get(y * patch.columns + x).map(|z| f64::from(*z)).filter(|z| !z.is_nan());
-        // Moving the ball moves the picture of its cap: by the center's derivatives, the depth changes as it does from pixel to pixel.
-        let slope = |before: Option<f64>, after: Option<f64>, f: f64| Some((before? - after?) * f / (2.0 * patch.stride as f64 * center.z));
-        let right = slope(at(x.checked_sub(1)?, y), at(x + 1, y), self.camera.fx)?;
-        let down = slope(at(x, y.checked_sub(1)?), at(x, y + 1), self.camera.fy)?;
-        let along = 1.0 - (right * center.x + down * center.y) / center.z;
-        Some((at(x, y)?, Vec3::new(right, down, along)))
-    }
-
-    /// Compares the image with a guess. `cap` is what [`View::render`] made of it. `score` is told, for each pixel of the patch, its part in the
-    /// two gradients times the standard deviation of its noise. `across` are two directions across the line of sight, in which the silhouette
-    /// is measured.
+    /// Compares the image with a guess, of which `surface` was drawn: fills the cap's jacobian and residual, and the outline's jacobian (in
+    /// the directions `across`, and of the shortfall), each with a pattern that no ball has.
     fn compare(
         &self,
         patch: &Patch,
         guess: &Guess,
-        across: &[Vec3; 2],
-        cap: &[f32],
-        mut score: impl FnMut(usize, usize, &Score, &Score),
+        surface: &Surface,
+        cap: &mut [Lanes],
+        outline: &mut [Lanes],
+        residuals: &mut [f32],
     ) -> Evidence {
-        let (noise, radius) = (self.noise, self.radius);
         let Guess { center, shortfall } = *guess;
-        let scale = self.scale(center.z);
-        let near = 2.0 * Self::jump(radius) + 4.0 * noise.axial(center.z);
+        let (camera, scale, axial) = (self.camera, self.scale(center.z), self.noise.axial(center.z));
+        let near = self.reach(&center);
+        let gate = (4.0 * axial + 0.5 * Self::jump(self.radius)) as f32;
+        let (edge, outer) = ((self.radius - shortfall) as f32, (self.radius - shortfall + BAND / scale) as f32);
+        let [inner, well_inside] = [BAND, 1.0].map(|pixels| (edge - (pixels / scale) as f32).max(0.0));
+        let slope = (scale / (2.0 * BAND)) as f32;
+        let (column, row) = camera.project(&center).unwrap_or_default();
         let mut evidence = Evidence::default();
-        for y in 0..patch.rows {
-            for x in 0..patch.columns {
-                let (ray, index) = self.ray(patch, x, y);
-                let Chord { along, offset, half } = Chord::new(&ray, &center, radius);
-                let inside = (radius - shortfall - offset) * scale;
-                if inside < -BAND {
+        cap.fill([0.0; 4]);
+        outline.fill([0.0; 4]);
+        for y in 0..patch.grid.rows {
+            for x in 0..patch.grid.columns {
+                let i = y * patch.grid.width() + x;
+                let offset_square = surface.offset_square[i];
+                if offset_square > outer * outer {
                     continue;
                 }
-                let reading = self.frame.foreground(index);
-                let surface = along - half;
-                let shows = reading.is_some_and(|z| z > surface - near && z < center.z + near);
+                let (pixel_x, pixel_y) = patch.pixel(x, y);
+                let index = pixel_y * camera.width + pixel_x;
+                let depth = if surface.depth[i].is_nan() { 0.0 } else { surface.depth[i] };
+                let reading = self.frame.foreground(index).map(|z| (z - center.z) as f32);
+                let shows = reading.is_some_and(|z| z > depth - near && z < near);
                 evidence.mask += u32::from(shows);
-                let mut scores = [Score::zeros(); 2];
 
-                if let (Some(z), Some((depth, jacobian))) = (reading, self.surface(patch, &center, cap, x, y))
-                    && offset < CAP * radius
+                let residual = reading.filter(|_| shows).map(|z| z - depth);
+                evidence.wild += u32::from(residual.is_some_and(|r| r.abs() >= gate));
+                if let Some(residual) = residual.filter(|r| r.abs() < gate)
+                    && let Some((_, [right, down, along])) = patch.depth(camera, &center, surface, x, y)
                 {
-                    let residual = z - center.z - depth;
-                    let slope_square = jacobian.x * jacobian.x + jacobian.y * jacobian.y;
-                    let (axial, lateral) = (noise.axial(center.z), noise.lateral(1.0 / sqrt(1.0 + slope_square)) / scale);
-                    let variance = axial * axial + lateral * lateral * slope_square;
-                    if residual.abs() < near {
-                        let normalized = residual.abs() / sqrt(variance);
-                        let weight = (HUBER / normalized).min(1.0) / variance;
-                        let radial = (ray * along - center) / radius;
-                        let pattern = twofold(radial.dot(&across[0]), radial.dot(&across[1]));
-                        scores[0] = evidence.cap.add(&jacobian, &pattern, residual, weight, sqrt(variance));
-                        evidence.points += 1;
-                        evidence.squares += residual * residual;
-                        evidence.normalized += normalized * normalized;
-                    }
+                    let pattern = right * down;
+                    cap[i] = [right, down, along, pattern];
+                    residuals[i] = residual;
+                    evidence.points += 1;
                 }
 
-                let hidden = || self.frame.limit(index) < surface + 2.0 * noise.axial(surface);
-                if inside > 1.0 {
+                if offset_square < well_inside * well_inside {
                     evidence.disc += 1;
                     evidence.seen += u32::from(shows);
+                    let hidden = || self.frame.limit(index) - center.z < f64::from(depth) + 2.0 * axial;
                     evidence.hidden += u32::from(!shows && hidden());
-                } else if inside < BAND
-                    && offset > 0.0
-                    && (shows || !(hidden() || self.frame.reading(index).is_some_and(|z| z < surface - near)))
-                {
-                    // Inside the band the share of the ball in a pixel falls linearly from 1 to 0.
-                    let slope = scale / (2.0 * BAND);
-                    let residual = f64::from(u8::from(shows)) - (0.5 + inside / (2.0 * BAND));
-                    let outward = (ray * along - center) / offset;
-                    let (right, down) = (outward.dot(&across[0]), outward.dot(&across[1]));
-                    let jacobian = Vec3::new(right, down, -1.0) * slope;
-                    let sd = noise.lateral(1.0) / (2.0 * BAND);
-                    scores[1] = evidence.outline.add(&jacobian, &(threefold(right, down) * slope), residual, 1.0, sd);
                 }
-                score(x, y, &scores[0], &scores[1]);
+                if offset_square < inner * inner {
+                    continue;
+                }
+                // Inside the band the share of the ball in a pixel falls linearly from 1 to 0. What hides a pixel of it takes its mirror image too,
+                // or else what is left would pull.
+                let inside = f64::from(edge - sqrtf(offset_square)) * scale;
+                let (dx, dy) = (pixel_x as f64 - column, pixel_y as f64 - row);
+                let length = sqrt(dx * dx + dy * dy).max(1e-9);
+                let (right, down) = (dx / length, dy / length);
+                let margins = [f64::from(near), 2.0 * axial];
+                let mirror = [pixel_x as f64 + 2.0 * inside * right, pixel_y as f64 + 2.0 * inside * down].map(round);
+                if self.blind(pixel_x as f64, pixel_y as f64, center.z, margins) || self.blind(mirror[0], mirror[1], center.z, margins) {
+                    continue;
+                }
+                let residual = f32::from(u8::from(shows)) - (0.5 + inside / (2.0 * BAND)) as f32;
+                let (right, down) = (right as f32, down as f32);
+                // Of a triangle: square windows leave twofold traces in a silhouette, but none of these.
+                let pattern = right * (right * right - 3.0 * down * down);
+                outline[i] = [right, down, -1.0, pattern].map(|j| j * slope);
+                evidence.outline.iter_mut().zip(outline[i]).for_each(|(sum, j)| *sum += j * residual);
             }
         }
         evidence
     }
 
-    /// Fits the ball from a first guess of its center, camera frame, m; `pixels` is how many its component has. `None` where no ball of this
-    /// radius looks like that.
-    pub fn fit(&self, start: Vec3, pixels: u32, scores: &mut [[f32; 5]], cap: &mut [f32]) -> Option<Found> {
+    /// Fits the ball from a first guess of its center, camera frame, m; `pixels` is how many its component has. `lanes` and `numbers` are room to
+    /// work in, see [`ROOM`]. `None` where no ball of this radius looks like that.
+    pub fn fit(&self, start: Vec3, pixels: u32, lanes: &mut [Lanes], numbers: &mut [f32]) -> Option<Found> {
         let mut guess = Guess { center: start, shortfall: SHORTFALL.0 / self.scale(start.z) };
-        for _ in 0..2 {
-            let patch = self.patch(&guess.center)?;
-            self.render(&patch, &guess.center, scores, cap)?;
-            let evidence = self.compare(&patch, &guess, &across(&guess.center), cap, |_, _, _, _| ());
-            // Along the line of sight only: across it, the silhouette knows better.
-            let sight = guess.center.normalize();
-            let information = sight.dot(&(evidence.cap.hessian * sight));
-            guess.center = self.moved(&guess.center, &(sight * (sight.dot(&evidence.cap.gradient) / information)))?;
-        }
-        let across = across(&guess.center);
-        let patch = self.patch(&guess.center)?;
-        self.render(&patch, &guess.center, scores, cap)?;
-        let mut pixel_scores = Scores::new(scores, patch.columns, patch.rows, self.window(&patch))?;
-        self.compare(&patch, &guess, &across, cap, |x, y, cap, _| pixel_scores.set(x, y, (*cap).into()));
-        let cap_scores = pixel_scores.covariance();
-        let mut pixel_scores = Scores::new(scores, patch.columns, patch.rows, self.window(&patch))?;
-        let mut evidence = self.compare(&patch, &guess, &across, cap, |x, y, _, outline| pixel_scores.set(x, y, (*outline).into()));
-        let outline_scores = pixel_scores.covariance();
-        let mut covariance = Mat3::zeros();
-        for _ in 0..3 {
-            let mut joint = evidence.cap.informed(&cap_scores, self.factors.cap.value())?;
-            if let Some((outline, shortfall)) = self.outline(&evidence.outline, &outline_scores, &guess, &across) {
-                joint.hessian += outline.hessian;
-                joint.gradient += outline.gradient;
-                guess.shortfall += shortfall;
+        for round in 1.. {
+            let center = guess.center;
+            let scale = self.scale(center.z);
+            let patch = Patch::around(self.camera, &center, self.radius, BAND, self.noise.window)?;
+            let cells = patch.grid.cells();
+            let (cap, lanes) = lanes.get_mut(..6 * cells)?.split_at_mut(cells);
+            let (outline, lanes) = lanes.split_at_mut(cells);
+            let (weights, scratch) = lanes.split_at_mut(cells);
+            let (depth, numbers) = numbers.get_mut(..3 * cells)?.split_at_mut(cells);
+            let (offset_square, residuals) = numbers.split_at_mut(cells);
+            let mut surface = Surface { depth, offset_square };
+            let pairs = scratch.as_flattened_mut().as_chunks_mut().0.get_mut(..cells)?;
+            patch.draw(self.camera, &center, self.radius, pairs, &mut surface);
+            residuals.fill(0.0);
+            let evidence = self.compare(&patch, &guess, &surface, cap, outline, residuals);
+
+            let (axial, step) = (self.noise.axial(center.z), S::step(center.z, &self.frame.coding));
+            let shares = self.noise.shares(center.z, step);
+            patch.grid.whiten(shares, cap, weights, scratch);
+            let cap_equations = Equations {
+                response: products(weights, cap).fixed_columns::<3>(0).into_owned(),
+                moments: moments(weights, residuals),
+                covariance: patch.grid.covariance(shares, weights) * (axial * axial),
+            };
+            let sd = self.noise.lateral() / (2.0 * BAND);
+            let outline = Equations {
+                response: products(outline, outline).fixed_columns::<3>(0).into_owned(),
+                moments: SVector::from(evidence.outline.map(f64::from)),
+                covariance: patch.grid.covariance(Shares { shared: 1.0, own: 0.0 }, outline) * (sd * sd),
+            };
+            let mut normal = cap_equations.normal(self.factors.cap.value() * Noise::LARGER_WINDOW)?;
+            let across = across(&center);
+            let silhouette = self.silhouette(&outline, &guess, &across);
+            if let Some((outline, _)) = &silhouette {
+                normal.information += outline.information;
+                normal.gradient += outline.gradient;
             }
-            let solver = joint.hessian.cholesky()?;
-            covariance = symmetric(&solver.inverse());
-            let step = solver.solve(&joint.gradient);
-            guess.center = self.moved(&guess.center, &step)?;
-            self.render(&patch, &guess.center, scores, cap)?;
-            evidence = self.compare(&patch, &guess, &across, cap, |_, _, _, _| ());
-            if step.norm() < 1e-2 * sqrt(covariance.trace()) {
-                break;
+            let solver = normal.information.cholesky()?;
+            let step = solver.solve(&normal.gradient);
+            let flattening = self.noise.flattening_sd(scale, self.radius);
+            let sight = center.normalize();
+            let covariance = symmetric(&(solver.inverse() + sight * sight.transpose() * (flattening * flattening)));
+            guess.center = self.moved(&center, &step)?;
+            let sideways = [across[0].dot(&step), across[1].dot(&step)];
+            let shrink = silhouette.map_or(0.0, |(_, shortfall)| shortfall.dot(&Vec3::new(sideways[0], sideways[1], 1.0)));
+            guess.shortfall += shrink;
+            let sideways_square = sideways[0] * sideways[0] + sideways[1] * sideways[1];
+            if round < ROUNDS && (sqrt(sideways_square) * scale > LINEAR.0 || step.z.abs() > LINEAR.1 * self.radius) {
+                continue;
             }
+            let squares = squares_after(&step, cap, residuals);
+            let detection = self.judge(&evidence, &guess, covariance, squares, &patch, pixels)?;
+            let outline_ratio = outline.check(&Vec3::new(sideways[0], sideways[1], shrink));
+            return Some(Found { detection, cap_ratio: cap_equations.check(&step), outline_ratio });
         }
-        let detection = self.judge(&evidence, &guess, covariance, &patch, pixels)?;
-        Some(Found { detection, cap_ratio: evidence.cap.check(&cap_scores), outline_ratio: evidence.outline.check(&outline_scores) })
+        None
     }
 
-    /// What the silhouette says of the center, after its shortfall has been estimated too; and that estimate's step, m.
-    fn outline(&self, equations: &Equations, scores: &ScoreCovariance, guess: &Guess, across: &[Vec3; 2]) -> Option<(Equations, f64)> {
-        let mut informed = equations.informed(scores, self.factors.outline.value())?;
+    /// What the silhouette says of the center, whatever its shortfall; and the shortfall's step: its product with (step of the
+    /// center `across`, 1), m.
+    fn silhouette(&self, equations: &Equations, guess: &Guess, across: &[Vec3; 2]) -> Option<(Normal, Vec3)> {
+        let mut normal = equations.normal(self.factors.outline.value())?;
         let scale = self.scale(guess.center.z);
         let prior = scale * scale / (SHORTFALL.1 * SHORTFALL.1);
-        informed.hessian[(2, 2)] += prior;
-        informed.gradient.z += prior * (SHORTFALL.0 / scale - guess.shortfall);
-        let (h, g) = (&informed.hessian, &informed.gradient);
-        let step = h.cholesky()?.solve(g);
-        let to_camera = nalgebra::Matrix3x2::from_columns(across);
+        normal.information[(2, 2)] += prior;
+        normal.gradient.z += prior * (SHORTFALL.0 / scale - guess.shortfall);
+        let (h, g) = (normal.information, normal.gradient);
+        let to_camera = Matrix3x2::from_columns(across);
         let coupling = h.fixed_view::<2, 1>(0, 2) / h[(2, 2)];
-        let hessian = h.fixed_view::<2, 2>(0, 0) - coupling * h.fixed_view::<1, 2>(2, 0);
+        let information = h.fixed_view::<2, 2>(0, 0) - coupling * h.fixed_view::<1, 2>(2, 0);
         let gradient = g.fixed_rows::<2>(0) - coupling * g.z;
-        let hessian = to_camera * hessian * to_camera.transpose();
-        Some((Equations { hessian, gradient: to_camera * gradient, patterns: Vector2::zeros() }, step.z))
+        let information = symmetric(&(to_camera * information * to_camera.transpose()));
+        let shortfall = Vec3::new(-h[(2, 0)], -h[(2, 1)], g.z) / h[(2, 2)];
+        Some((Normal { information, gradient: to_camera * gradient }, shortfall))
     }
 
     /// The center after a step; `None` where it leaves what can be.
@@ -320,11 +279,17 @@ impl<S: Sample> View<'_, S> {
         (step.norm() < 2.0 * self.radius && moved.z > self.radius && moved.z < self.camera.max_depth + self.radius).then_some(moved)
     }
 
-    fn judge(&self, evidence: &Evidence, guess: &Guess, covariance: Mat3, patch: &Patch, pixels: u32) -> Option<Detection> {
+    fn judge(&self, evidence: &Evidence, guess: &Guess, covariance: Mat3, squares: f64, patch: &Patch, pixels: u32) -> Option<Detection> {
         let thinned = (patch.stride * patch.stride) as f64;
         let (points, disc) = (f64::from(evidence.points), f64::from(evidence.disc));
         let finite = guess.center.iter().chain(covariance.iter()).all(|x| x.is_finite());
-        if evidence.points < 6 || evidence.normalized > 6.0 * points || f64::from(evidence.seen) < 0.25 * disc || !finite {
+        let residual_rms = sqrt(squares / points);
+        if evidence.points < 6
+            || 4 * evidence.wild > evidence.points
+            || residual_rms > 2.0 * self.noise.axial(guess.center.z)
+            || f64::from(evidence.seen) < 0.25 * disc
+            || !finite
+        {
             return None;
         }
         let missing = f64::from(evidence.disc - evidence.seen - evidence.hidden);
@@ -337,21 +302,6 @@ impl<S: Sample> View<'_, S> {
             Blob::Whole
         };
         let (_, row) = self.camera.project(&guess.center)?;
-        Some(Detection {
-            center: guess.center,
-            covariance,
-            radius: self.radius,
-            points: evidence.points,
-            residual_rms: sqrt(evidence.squares / points),
-            row,
-            blob,
-        })
+        Some(Detection { center: guess.center, covariance, radius: self.radius, points: evidence.points, residual_rms, row, blob })
     }
-}
-
-/// Two unit vectors across the line of sight to `center`.
-fn across(center: &Vec3) -> [Vec3; 2] {
-    let sight = center.normalize();
-    let right = Vec3::y().cross(&sight).normalize();
-    [right, sight.cross(&right)]
 }

@@ -1,51 +1,40 @@
-//! Normal equations under noise that neighbouring pixels share, and how to see whether it is as large as thought.
+//! Estimating equations under noise that neighbouring pixels share, and how to see whether it is as large as thought.
 
-use super::noise::{Score, ScoreCovariance};
+use super::window::Products;
 use crate::math::{Mat3, Vec3, symmetric};
-use nalgebra::Vector2;
+use nalgebra::{Matrix4x3, SVector};
 
-/// Normal equations of one kind of evidence, H · step = g, and its residuals' part in two patterns that no ball has.
-#[derive(Default)]
+/// weightsᵀ · residual = (weightsᵀ · jacobian) · step of one kind of evidence, for three unknowns; the fourth row weighs a pattern that no ball has.
 pub struct Equations {
-    /// H.
-    pub hessian: Mat3,
-    /// g.
+    /// weightsᵀ · jacobian.
+    pub response: Matrix4x3<f64>,
+    /// weightsᵀ · residual.
+    pub moments: SVector<f64, 4>,
+    /// Covariance of `moments` as the noise makes it.
+    pub covariance: Products,
+}
+
+/// Normal equations, information · step = gradient.
+pub struct Normal {
+    /// Inverse covariance of the estimate.
+    pub information: Mat3,
+    /// See there.
     pub gradient: Vec3,
-    /// Sums over the residuals, weighted alike.
-    pub patterns: Vector2<f64>,
 }
 
 impl Equations {
-    /// Adds a pixel; its score is what it would add to `gradient` and `patterns` for a residual of `sd`.
-    pub fn add(&mut self, jacobian: &Vec3, pattern: &Vector2<f64>, residual: f64, weight: f64, sd: f64) -> Score {
-        self.hessian += jacobian * jacobian.transpose() * weight;
-        self.gradient += jacobian * (weight * residual);
-        self.patterns += pattern * (weight * residual);
-        Score::new(jacobian.x, jacobian.y, jacobian.z, pattern.x, pattern.y) * (weight * sd)
+    /// What they count when they are joined with others; `factor` on the noise's variance. `None` where they determine nothing.
+    pub fn normal(&self, factor: f64) -> Option<Normal> {
+        let response: Mat3 = self.response.fixed_rows::<3>(0).into_owned();
+        let covariance: Mat3 = self.covariance.fixed_view::<3, 3>(0, 0) * factor;
+        let to_information = response.transpose() * covariance.try_inverse()?;
+        let gradient = to_information * self.moments.fixed_rows::<3>(0);
+        Some(Normal { information: symmetric(&(to_information * response)), gradient })
     }
 
-    /// `scores` is the covariance of `gradient` as the correlated noise makes it. The estimate that these equations give has the information
-    /// H S⁻¹ H, so that is what they count when they are joined with others.
-    pub fn informed(&self, scores: &ScoreCovariance, factor: f64) -> Option<Self> {
-        let scores: Mat3 = scores.fixed_view::<3, 3>(0, 0) * factor;
-        let to_information = self.hessian * scores.try_inverse()?;
-        let hessian = symmetric(&(to_information * self.hessian));
-        Some(Self { hessian, gradient: to_information * self.gradient, patterns: self.patterns })
+    /// The pattern's square over its expectation, after `step`: 1 in the mean where the noise is as modelled.
+    pub fn check(&self, step: &Vec3) -> f64 {
+        let left = self.moments[3] - (self.response.row(3) * step)[0];
+        left * left / self.covariance[(3, 3)]
     }
-
-    /// The patterns' mean square over its expectation: 1 where the noise is as modelled.
-    pub fn check(&self, scores: &ScoreCovariance) -> f64 {
-        let expected = scores.diagonal();
-        0.5 * (self.patterns.x * self.patterns.x / expected[3] + self.patterns.y * self.patterns.y / expected[4])
-    }
-}
-
-/// The twofold pattern of a direction (x, y): what an ellipse or a saddle has, and a ball has not.
-pub fn twofold(x: f64, y: f64) -> Vector2<f64> {
-    Vector2::new(x * x - y * y, 2.0 * x * y)
-}
-
-/// The threefold pattern of a direction: what a triangle has. Square windows leave twofold traces in a silhouette, but none of these.
-pub fn threefold(x: f64, y: f64) -> Vector2<f64> {
-    Vector2::new(x * (x * x - 3.0 * y * y), y * (3.0 * x * x - y * y))
 }

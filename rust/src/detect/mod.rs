@@ -5,7 +5,9 @@ pub mod components;
 pub mod equations;
 pub mod foreground;
 pub mod noise;
+pub mod patch;
 pub mod sphere;
+pub mod window;
 
 use crate::math::{Mat3, Vec3};
 

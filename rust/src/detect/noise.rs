@@ -1,12 +1,5 @@
 //! How much a depth reading may be off.
 
-use nalgebra::{SMatrix, SVector};
-
-/// A pixel's parts in three estimates and in two checks of the noise.
-pub type Score = SVector<f64, 5>;
-/// Covariance of sums of [`Score`]s.
-pub type ScoreCovariance = SMatrix<f64, 5, 5>;
-
 /// Noise of a depth image: along the ray, across it, and over how many pixels it is shared.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
@@ -21,18 +14,43 @@ impl Default for Noise {
     }
 }
 
+/// Parts of a reading's variance: what its neighbours share, and what it has to itself; 1 in all.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shares {
+    /// In proportion to how much their windows overlap.
+    pub shared: f64,
+    /// Of each pixel alone.
+    pub own: f64,
+}
+
 impl Noise {
+    /// How much more the mean of a large disc scatters if the window is the larger of the two.
+    pub const LARGER_WINDOW: f64 = 9.0 / 7.0;
+
+    /// How far, m, a cap of `radius` (m) may be flattened otherwise than thought, at `scale` px a metre: the mean of (edge / 2)² / 6 over 2 · radius for
+    /// edges of 9 and of 7 px.
+    pub fn flattening_sd(self, scale: f64, radius: f64) -> f64 {
+        (9.0 * 9.0 - 7.0 * 7.0) / (24.0 * radius * scale * scale)
+    }
+
     /// Standard deviation of a reading at depth `z`, m: Nguyen, Izadi, Lovell 2012, Eq. 6.
     #[inline]
     pub fn axial(self, z: f64) -> f64 {
         0.0012 + 0.0019 * (z - 0.4) * (z - 0.4)
     }
 
-    /// Standard deviation across the ray, px, where the ray meets the surface at an angle whose cosine is `cos`:
-    /// Nguyen, Izadi, Lovell 2012, Eq. 5, 0.8 + 0.035 θ/(π/2 − θ), with π/2 − θ = asin(cos) ≈ cos, which is right where the term counts.
+    /// Standard deviation of a silhouette's edge, px: the same, Eq. 5, of a surface that is met head-on.
     #[inline]
-    pub fn lateral(self, cos: f64) -> f64 {
-        0.8 + 0.035 * (core::f64::consts::FRAC_PI_2 / cos.max(1e-3) - 1.0).max(0.0)
+    pub fn lateral(self) -> f64 {
+        0.8
+    }
+
+    /// How the variance at depth `z` is shared, where samples are rounded to steps of `step`, m. Rounding errs evenly, by step²/12, and by itself
+    /// in each pixel; no window is trusted so far that a tenth of the variance would not be each pixel's own.
+    pub fn shares(self, z: f64, step: f64) -> Shares {
+        let axial = self.axial(z);
+        let own = (step * step / (12.0 * axial * axial)).clamp(0.1, 1.0);
+        Shares { shared: 1.0 - own, own }
     }
 }
 
@@ -72,90 +90,4 @@ pub struct Factors {
     pub cap: Factor,
     /// Of its silhouette.
     pub outline: Factor,
-}
-
-/// The pixels around one ball, each with its part in `N` estimates, times the standard deviation of its noise.
-pub struct Scores<'s, const N: usize> {
-    pixels: &'s mut [[f32; N]],
-    width: usize,
-    height: usize,
-    window: [usize; 2],
-}
-
-impl<'s, const N: usize> Scores<'s, N> {
-    /// A patch of `width` × `height` pixels whose noise is shared over `window`; `None` where `pixels` are too few.
-    pub fn new(pixels: &'s mut [[f32; 5]], width: usize, height: usize, window: [usize; 2]) -> Option<Self> {
-        let window = window.map(|edge| edge.max(1));
-        let (width, height) = (width + window[0] - 1, height + window[1] - 1);
-        let pixels = pixels.as_flattened_mut().as_chunks_mut().0.get_mut(..width * height)?;
-        pixels.fill([0.0; N]);
-        Some(Self { pixels, width, height, window })
-    }
-
-    /// Sets the scores of the pixel in column `x`, row `y` of the patch.
-    #[inline]
-    pub fn set(&mut self, x: usize, y: usize, scores: [f64; N]) {
-        if let Some(pixel) = self.pixels.get_mut(y * self.width + x) {
-            *pixel = scores.map(|score| score as f32);
-        }
-    }
-
-    /// Replaces each pixel by the sum over the window that ends there.
-    fn sum_windows(&mut self) {
-        let (width, window) = (self.width, self.window);
-        for row in self.pixels.chunks_exact_mut(width) {
-            box_sums(row, width, 1, window[0]);
-        }
-        for column in 0..width {
-            box_sums(self.pixels.get_mut(column..).unwrap_or_default(), self.height, width, window[1]);
-        }
-    }
-}
-
-impl Scores<'_, 2> {
-    /// For scores (value, 1) where there is a value and 0 where there is none: tells `each` pixel's column, row and mean value over the
-    /// window around it, NaN where the window is empty.
-    pub fn means(mut self, mut each: impl FnMut(usize, usize, f32)) {
-        self.sum_windows();
-        let [right, down] = self.window.map(|edge| edge / 2);
-        for (y, row) in self.pixels.chunks_exact(self.width).skip(down).take(self.height + 1 - self.window[1]).enumerate() {
-            for (x, [sum, count]) in row.iter().skip(right).take(self.width + 1 - self.window[0]).enumerate() {
-                each(x, y, if *count > 0.5 { sum / count } else { f32::NAN });
-            }
-        }
-    }
-}
-
-impl Scores<'_, 5> {
-    /// Covariance of the sum of all scores. Noise that is shared over a window of w × w is white noise ε, one a pixel, averaged:
-    /// e(p) = Σ ε(q)/w over the window at p. So Σ s(p) e(p) = Σ ε(q) (Σ s over the window at q)/w, and the ε are independent.
-    pub fn covariance(mut self) -> ScoreCovariance {
-        self.sum_windows();
-        let window = self.window;
-        let mut sum = [[0.0_f32; 5]; 5];
-        for pixel in self.pixels.iter() {
-            for (row, a) in sum.iter_mut().zip(pixel) {
-                for (sum, b) in row.iter_mut().zip(pixel) {
-                    *sum += a * b;
-                }
-            }
-        }
-        ScoreCovariance::from_fn(|i, j| f64::from(sum[i][j])) / (window[0] * window[1]) as f64
-    }
-}
-
-/// Replaces each of the `count` values that lie `stride` apart by the sum of itself and the `window` − 1 before it; the last `window` − 1 are 0.
-fn box_sums<const N: usize>(values: &mut [[f32; N]], count: usize, stride: usize, window: usize) {
-    let mut sum = [0.0_f32; N];
-    for i in (0..count + window).rev() {
-        // Backwards, so that what leaves the window has not been overwritten yet.
-        let entering = if i >= window { values.get((i - window) * stride).copied().unwrap_or([0.0; N]) } else { [0.0; N] };
-        let leaving = if i < count { values.get(i * stride).copied().unwrap_or([0.0; N]) } else { [0.0; N] };
-        if let Some(value) = values.get_mut(i * stride).filter(|_| i < count) {
-            *value = sum;
-        }
-        for (sum, (entering, leaving)) in sum.iter_mut().zip(entering.into_iter().zip(leaving)) {
-            *sum += entering - leaving;
-        }
-    }
 }

@@ -1,0 +1,251 @@
+//! What a matching window does to the pixels around a ball: it averages, and so neighbours share their noise.
+//!
+//! Noise that is shared over a window of w pixels is white noise ε, one a pixel, averaged: e(p) = Σ ε(q)/√w over the window at p, e = Bᵀε/√w.
+//! With what each pixel has to itself (rounding), the covariance of readings is C = shared · BᵀB/w + own · 1, in running sums.
+
+use super::noise::Shares;
+use nalgebra::{SMatrix, SVector};
+
+/// Four numbers of a pixel.
+pub type Lanes = [f32; 4];
+/// Sums of products of [`Lanes`].
+pub type Products = SMatrix<f64, 4, 4>;
+
+/// Columns and rows of a patch at the most; above that only every second, third, … pixel of a ball is read.
+pub const PATCH: usize = 48;
+/// The largest matching window, px.
+pub const WINDOW: usize = 9;
+/// Cells of a grid at the most, padding included.
+pub const CELLS: usize = WIDTH * WIDTH;
+
+const WIDTH: usize = PATCH + WINDOW - 1;
+
+/// Steps of conjugate gradients: with four, centers are within a few percent of the best.
+const STEPS: usize = 4;
+
+/// The pixels of a patch, row by row, padded to the right and downwards by the window less one, so that sums over windows fit.
+#[derive(Clone, Copy, Debug)]
+pub struct Grid {
+    /// Columns and rows of the patch.
+    pub columns: usize,
+    /// See `columns`.
+    pub rows: usize,
+    window: [usize; 2],
+}
+
+impl Grid {
+    /// A patch of `columns` × `rows` pixels, at most [`PATCH`], whose noise is shared over `window` pixels.
+    pub fn new(columns: usize, rows: usize, window: [usize; 2]) -> Self {
+        Self { columns: columns.min(PATCH), rows: rows.min(PATCH), window: window.map(|edge| edge.clamp(1, WINDOW)) }
+    }
+
+    /// Cells from one row to the next.
+    pub fn width(&self) -> usize {
+        self.columns + self.window[0] - 1
+    }
+
+    /// Cells, padding included.
+    pub fn cells(&self) -> usize {
+        self.width() * (self.rows + self.window[1] - 1)
+    }
+
+    /// Pixels of a window.
+    fn area(&self) -> f32 {
+        (self.window[0] * self.window[1]) as f32
+    }
+
+    /// Replaces each cell by the sum over the window that ends there: B. The padding must be 0.
+    fn gather<const N: usize>(&self, cells: &mut [[f32; N]]) {
+        let (width, [across, down]) = (self.width(), self.window);
+        for row in cells.chunks_exact_mut(width).take(self.rows) {
+            let mut sum = [0.0; N];
+            for i in (0..width).rev() {
+                // Backwards, so that what leaves the window has not been overwritten yet.
+                if i + 1 >= across {
+                    add(&mut sum, &row[i + 1 - across]);
+                }
+                let leaving = core::mem::replace(&mut row[i], sum);
+                subtract(&mut sum, &leaving);
+            }
+        }
+        let mut sums = [[0.0; N]; WIDTH];
+        for y in (0..self.rows + down - 1).rev() {
+            let (before, rest) = cells.split_at_mut(y * width);
+            if let Some(first) = (y + 1).checked_sub(down) {
+                let entering = if down == 1 { &*rest } else { before.get(first * width..).unwrap_or_default() };
+                sums.iter_mut().zip(entering.iter().take(width)).for_each(|(sum, entering)| add(sum, entering));
+            }
+            for (sum, cell) in sums.iter_mut().zip(rest.iter_mut().take(width)) {
+                let leaving = core::mem::replace(cell, *sum);
+                subtract(sum, &leaving);
+            }
+        }
+    }
+
+    /// Replaces each pixel of the patch by the sum over the window that starts there: Bᵀ. Leaves anything in the padding.
+    fn scatter<const N: usize>(&self, cells: &mut [[f32; N]]) {
+        let (width, [across, down]) = (self.width(), self.window);
+        let mut sums = [[0.0; N]; WIDTH];
+        for row in cells.chunks_exact(width).take(down - 1) {
+            sums.iter_mut().zip(row).for_each(|(sum, cell)| add(sum, cell));
+        }
+        for y in 0..self.rows {
+            let (row, below) = cells.split_at_mut((y + 1) * width);
+            let row = row.get_mut(y * width..).unwrap_or_default();
+            let entering = if down == 1 { &*row } else { below.get((down - 2) * width..).unwrap_or_default() };
+            sums.iter_mut().zip(entering.iter().take(width)).for_each(|(sum, entering)| add(sum, entering));
+            for (sum, cell) in sums.iter_mut().zip(row) {
+                let leaving = core::mem::replace(cell, *sum);
+                subtract(sum, &leaving);
+            }
+        }
+        for row in cells.chunks_exact_mut(width).take(self.rows) {
+            let mut sum = [0.0; N];
+            row.iter().take(across - 1).for_each(|cell| add(&mut sum, cell));
+            for i in 0..self.columns {
+                add(&mut sum, &row[i + across - 1]);
+                let leaving = core::mem::replace(&mut row[i], sum);
+                subtract(&mut sum, &leaving);
+            }
+        }
+    }
+
+    /// Of cells (value, 1) where there is a value and 0 where there is none, tells `mean` the mean over the window around each pixel, NaN where
+    /// it is empty.
+    pub fn average(&self, cells: &mut [[f32; 2]], mean: &mut [f32]) {
+        self.gather(cells);
+        let [right, down] = self.window.map(|edge| edge / 2);
+        let width = self.width();
+        for (row, mean) in cells.chunks_exact(width).skip(down).zip(mean.chunks_exact_mut(width)).take(self.rows) {
+            for ([sum, count], mean) in row.iter().skip(right).zip(mean) {
+                *mean = if *count > 0.5 { sum / count } else { f32::NAN };
+            }
+        }
+    }
+
+    /// Solves C · weights = `jacobian` for each lane, nearly: any weights give an unbiased estimate, these nearly the best there is. Only
+    /// pixels that `jacobian` has anything of take part. `scratch` is three times as long.
+    pub fn whiten(&self, noise: Shares, jacobian: &[Lanes], weights: &mut [Lanes], scratch: &mut [Lanes]) {
+        let (residual, scratch) = scratch.split_at_mut(jacobian.len());
+        let (direction, image) = scratch.split_at_mut(jacobian.len());
+        let (shared, own) = (noise.shared as f32 / self.area(), noise.own as f32);
+        residual.copy_from_slice(jacobian);
+        direction.copy_from_slice(jacobian);
+        weights.fill([0.0; 4]);
+        let mut square = dot(residual, residual);
+        for _ in 0..STEPS {
+            image.copy_from_slice(direction);
+            self.gather(image);
+            self.scatter(image);
+            for ((image, direction), jacobian) in image.iter_mut().zip(&*direction).zip(jacobian) {
+                let used = f32::from(u8::from(*jacobian != [0.0; 4]));
+                *image = lanes(|i| used * (shared * image[i] + own * direction[i]));
+            }
+            let step = quotient(&square, &dot(direction, image));
+            for ((weight, residual), (direction, image)) in weights.iter_mut().zip(residual.iter_mut()).zip(direction.iter().zip(&*image)) {
+                *weight = lanes(|i| weight[i] + step[i] * direction[i]);
+                *residual = lanes(|i| residual[i] - step[i] * image[i]);
+            }
+            let next = dot(residual, residual);
+            let turn = quotient(&next, &square);
+            for (direction, residual) in direction.iter_mut().zip(&*residual) {
+                *direction = lanes(|i| residual[i] + turn[i] * direction[i]);
+            }
+            square = next;
+        }
+    }
+
+    /// weightsᵀ C weights: the covariance of Σ weights · reading. Overwrites `weights`.
+    pub fn covariance(&self, noise: Shares, weights: &mut [Lanes]) -> Products {
+        let own = products(weights, weights) * noise.own;
+        self.gather(weights);
+        own + products(weights, weights) * (noise.shared / f64::from(self.area()))
+    }
+}
+
+#[inline]
+fn add<const N: usize>(sum: &mut [f32; N], value: &[f32; N]) {
+    sum.iter_mut().zip(value).for_each(|(sum, value)| *sum += value);
+}
+
+#[inline]
+fn subtract<const N: usize>(sum: &mut [f32; N], value: &[f32; N]) {
+    sum.iter_mut().zip(value).for_each(|(sum, value)| *sum -= value);
+}
+
+#[inline]
+fn lanes(of: impl FnMut(usize) -> f32) -> Lanes {
+    core::array::from_fn(of)
+}
+
+fn dot(a: &[Lanes], b: &[Lanes]) -> Lanes {
+    a.iter().zip(b).fold([0.0; 4], |sum, (a, b)| lanes(|i| sum[i] + a[i] * b[i]))
+}
+
+fn quotient(a: &Lanes, b: &Lanes) -> Lanes {
+    lanes(|i| if b[i] > 0.0 { a[i] / b[i] } else { 0.0 })
+}
+
+/// Σ a bᵀ.
+pub fn products(a: &[Lanes], b: &[Lanes]) -> Products {
+    let sum = a.iter().zip(b).fold([[0.0_f32; 4]; 4], |sum, (a, b)| core::array::from_fn(|i| lanes(|j| sum[i][j] + a[i] * b[j])));
+    Products::from_fn(|i, j| f64::from(sum[i][j]))
+}
+
+/// Σ a · b.
+pub fn moments(a: &[Lanes], b: &[f32]) -> SVector<f64, 4> {
+    let sum = a.iter().zip(b).fold([0.0_f32; 4], |sum, (a, b)| lanes(|i| sum[i] + a[i] * b));
+    SVector::from_fn(|i, _| f64::from(sum[i]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    /// Some pixels of a patch, and one lane of them as plain numbers.
+    fn patch(grid: &Grid) -> Vec<Lanes> {
+        let inside = |i: usize| i % grid.width() < grid.columns && i / grid.width() < grid.rows;
+        let value = |i: usize| f32::from(u8::from(inside(i) && i % 7 != 3)) * (1.0 + 0.1 * (i % 11) as f32);
+        (0..grid.cells()).map(|i| lanes(|lane| value(i) * (1.0 + lane as f32 * (i % 5) as f32))).collect()
+    }
+
+    const PIXELS: usize = 12 * 9;
+
+    /// C of the pixels that are `used`, by its definition: noise is shared in proportion to how much two windows overlap. 1 for others.
+    fn covariance(grid: &Grid, noise: Shares, used: &[bool]) -> SMatrix<f64, PIXELS, PIXELS> {
+        let overlap = |a: usize, b: usize, edge: usize| (1.0 - a.abs_diff(b) as f64 / edge as f64).max(0.0);
+        SMatrix::from_fn(|i, j| {
+            let same = f64::from(u8::from(i == j));
+            let ([xi, yi], [xj, yj]) = ([i % 12, i / 12], [j % 12, j / 12]);
+            let shared = overlap(xi, xj, grid.window[0]) * overlap(yi, yj, grid.window[1]);
+            if used[i] && used[j] { noise.shared * shared + noise.own * same } else { same }
+        })
+    }
+
+    #[test]
+    fn running_sums_are_the_covariance_and_its_inverse() {
+        for window in [[9, 7], [1, 3], [9, 9], [1, 1]] {
+            let (grid, noise) = (Grid::new(12, 9, window), Shares { shared: 0.7, own: 0.3 });
+            let jacobian = patch(&grid);
+            let at = |i: usize| jacobian[i / 12 * grid.width() + i % 12];
+            let used: Vec<bool> = (0..PIXELS).map(|i| at(i) != [0.0; 4]).collect();
+            let c = covariance(&grid, noise, &used);
+            let j = SMatrix::<f64, PIXELS, 4>::from_fn(|i, lane| f64::from(at(i)[lane]));
+            let expected = j.transpose() * c * j;
+            let got = grid.covariance(noise, &mut jacobian.clone());
+            assert!((got - expected).abs().max() < 1e-4 * expected.max(), "{got} {expected}");
+
+            let (mut weights, mut scratch) = (std::vec![[0.0; 4]; jacobian.len()], std::vec![[0.0; 4]; 3 * jacobian.len()]);
+            grid.whiten(noise, &jacobian, &mut weights, &mut scratch);
+            let best = (j.transpose() * c.try_inverse().unwrap() * j).diagonal();
+            let response = products(&weights, &jacobian);
+            let variance = grid.covariance(noise, &mut weights);
+            for lane in 0..4 {
+                // Variance of the estimate: that of the sum over the square of the response.
+                let efficiency = response[(lane, lane)] * response[(lane, lane)] / variance[(lane, lane)] / best[lane];
+                assert!((0.85..1.001).contains(&efficiency), "{window:?} lane {lane}: {efficiency}");
+            }
+        }
+    }
+}
