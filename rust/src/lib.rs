@@ -43,7 +43,9 @@
 #[cfg(feature = "std")]
 extern crate std;
 
-mod attention;
+pub mod attention;
+#[cfg(feature = "std")]
+pub mod capture;
 pub mod config;
 #[cfg(feature = "std")]
 pub mod config_file;

@@ -11,6 +11,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     // The law from disparity to depth stands with the camera model.
     ("kinect", &["geometry"]),
     ("stream", &["kinect"]),
+    ("capture", &["kinect"]),
     ("geometry", &[]),
     ("detect", &["geometry"]),
     ("physics", &["geometry"]),
@@ -22,11 +23,14 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("attention", &["geometry", "detect", "track", "seeing", "reasoning"]),
     ("engine", &["timeline", "attention", "kinect", "stream", "geometry", "detect", "physics", "track", "scene", "seeing", "reasoning"]),
     // What it hands on are images and measurements.
-    ("source", &["kinect", "stream", "geometry", "config_file", "seeing::Image", "seeing::SeeError", "track::Measurement", "sim"]),
+    (
+        "source",
+        &["kinect", "stream", "capture", "geometry", "config_file", "seeing::Image", "seeing::SeeError", "track::Measurement", "sim"],
+    ),
     ("config_file", &["geometry"]),
     ("run", &["geometry", "engine", "reasoning::Predictor", "seeing::SeeError", "source"]),
     // Never an estimator: it makes what estimators are judged by.
-    ("sim", &["geometry", "kinect"]),
+    ("sim", &["geometry", "kinect", "capture"]),
     (
         "python",
         &[

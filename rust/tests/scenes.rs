@@ -2,6 +2,7 @@
 
 mod judge;
 
+use judge::identity::Identities;
 use judge::{Score, config, finals, hold, mean, rms, run};
 use physinc::config::{KnownBox, KnownPlane, Method};
 use physinc::event::{Contact, Inconsistency, Kind, Position, Surface, TrackEnded, TrackStarted};
@@ -102,6 +103,19 @@ fn two_balls_that_cross_keep_their_tracks() {
         assert_eq!(*owners.entry(e.track).or_insert(nearest.ball), nearest.ball, "track {:?} swapped balls", e.track);
     }
     assert_eq!(owners.len(), truth.frames.iter().flat_map(|f| &f.balls).map(|b| b.ball).max().unwrap() + 1);
+}
+
+#[test]
+fn many_balls_that_cross_and_hide_each_other_keep_their_tracks() {
+    let mut sum = Identities::default();
+    for seed in 0..3 {
+        let scene = Scene::parse(&format!("many?balls=8&seed={seed}")).unwrap();
+        let (events, _) = run(&scene, &config(&scene, Method::Best));
+        hold(&events);
+        sum.add(&events, scene.truth());
+    }
+    assert_eq!((sum.balls, sum.swapped, sum.ghosts), (48, 0, 0), "{}", sum.row("many"));
+    assert!(sum.measured as f64 > 0.95 * sum.shown as f64 && sum.tracks < 2 * sum.balls, "{}", sum.row("many"));
 }
 
 #[test]

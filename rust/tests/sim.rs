@@ -198,7 +198,7 @@ fn throws_are_what_the_scene_promises() {
 
 #[test]
 fn every_scene_can_be_made_in_every_way_of_looking() {
-    for name in ["bounce", "room", "two_balls", "passive_flight", "drop", "roll"] {
+    for name in ["bounce", "room", "two_balls", "many", "passive_flight", "drop", "roll"] {
         for keys in ["throws=2", "throws=2&tilt_deg=27&distance=1.5", "throws=2&distance=2&roll_deg=10&loss=0.25&contact_duration=0"] {
             let scene = Scene::parse(&format!("{name}?{keys}")).unwrap();
             let seen = scene.truth().frames.iter().filter(|f| f.balls.iter().any(|b| b.in_view == 1.0)).count();

@@ -3,6 +3,8 @@
 use super::le16;
 use crate::geometry::camera::disparity_law;
 
+/// Bytes of the reply to command 0x04, its status word counted, from a model 1414.
+const FIXED_PARAMETERS: usize = 322;
 /// Where in the reply to command 0x04 the zero plane stands, its status word counted.
 const ZERO_PLANE: usize = 94;
 /// Where in the reply to command 0x16, parameter 0, the shift stands, its status word counted.
@@ -38,6 +40,16 @@ impl ZeroPlane {
         possible.then_some(Self { emitter_cm, rcmos_cm, reference_cm, pixel_cm, shift: le16(shift, SHIFT) })
     }
 
+    /// What follows the status words of the replies from which [`ZeroPlane::parse`] reads it; what else the first one tells is left at 0.
+    pub fn replies(&self) -> ([u8; FIXED_PARAMETERS - 2], [u8; 2]) {
+        let mut fixed_parameters = [0; FIXED_PARAMETERS - 2];
+        let lengths = [self.emitter_cm, self.rcmos_cm, self.reference_cm, self.pixel_cm];
+        for (bytes, length) in fixed_parameters[ZERO_PLANE - 2..].chunks_exact_mut(4).zip(lengths) {
+            bytes.copy_from_slice(&length.to_le_bytes());
+        }
+        (fixed_parameters, self.shift.to_le_bytes())
+    }
+
     /// `[c0, c1]` of 1/z = c0 + c1 · raw, in 1/m.
     pub fn law(&self) -> [f64; 2] {
         let [emitter, reference, pixel] = [self.emitter_cm, self.reference_cm, self.pixel_cm].map(f64::from);
@@ -60,6 +72,14 @@ mod tests {
         let mut fixed = vec![0; ZERO_PLANE];
         fixed.extend(lengths.iter().flat_map(|length| length.to_le_bytes()));
         ZeroPlane::parse(&fixed, &[0, 0, 200, 0])
+    }
+
+    #[test]
+    fn what_is_written_is_read() {
+        let plane = parse([7.5, 2.3, 120.0, 0.1042]).unwrap();
+        let (fixed, shift) = plane.replies();
+        let with_status = |payload: &[u8]| [&[0, 0], payload].concat();
+        assert_eq!(ZeroPlane::parse(&with_status(&fixed), &with_status(&shift)), Some(plane));
     }
 
     /// Depths of KINECT.md's unit, by libfreenect's formula rounded to mm.

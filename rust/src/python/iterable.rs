@@ -150,7 +150,7 @@ impl Iterable {
                 _ => format!("frames and positions can't be mixed: {EXPECTED}"),
             }));
         }
-        Step::input(run, input).map_err(|error| PyValueError::new_err(error.to_string()))
+        Step::input(run, input).map(Option::unwrap_or_default).map_err(|error| PyValueError::new_err(error.to_string()))
     }
 
     /// The camera in force, of the first frame's size where nothing else is said.

@@ -6,8 +6,9 @@ use crate::source::{self, RecordError};
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
 use std::path::PathBuf;
-use std::string::ToString;
+use std::string::{String, ToString};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::vec::Vec;
 
 /// An iterator over the frames that it records, and a context manager: (how many there are now, stamp in ns).
 #[pyclass(frozen, module = "physinc._physinc")]
@@ -33,6 +34,12 @@ impl Recording {
         self.close(py)
     }
 
+    /// What the user should know of the source so far, a line each.
+    #[getter]
+    fn remarks(&self) -> Vec<String> {
+        self.recording().as_ref().map_or_else(Vec::new, source::Recording::remarks)
+    }
+
     /// Completes what was recorded; no more frames.
     fn close(&self, py: Python<'_>) -> PyResult<()> {
         Ok(py.detach(|| self.recording().take().map_or(Ok(()), source::Recording::finish))?)
@@ -45,7 +52,7 @@ impl Recording {
     }
 }
 
-/// Will record at most `frames` of `source` in `out`: a `*.npz`, or a folder, in fakenect's layout or, with `tum`, in TUM's.
+/// Will record at most `frames` of `source` in `out`: a `*.npz`, a folder, in fakenect's layout or, with `tum`, in TUM's, or a capture.
 #[pyfunction]
 #[pyo3(signature = (source, out, *, tum, frames))]
 #[allow(clippy::needless_pass_by_value)] // As Python gives it.

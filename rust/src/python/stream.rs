@@ -14,6 +14,7 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use std::collections::{BTreeMap, VecDeque};
 use std::format;
+use std::string::String;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -111,6 +112,15 @@ impl Stream {
         self.now().busy.as_secs_f64()
     }
 
+    /// What the user should know of the source, once the stream is over, a line each.
+    #[getter]
+    fn remarks(&self) -> Vec<String> {
+        match &self.feed {
+            Feed::Reader(reader) => reader.remarks(),
+            Feed::Iterable(_) => Vec::new(),
+        }
+    }
+
     /// The live tracks by number, as of the last event.
     #[getter]
     fn tracks(&self) -> BTreeMap<u32, Track> {
@@ -187,7 +197,7 @@ impl Track {
         Ok((array1(py, center.as_slice()), array2(py, &rows(&covariance))?))
     }
 
-    fn __repr__(&self) -> std::string::String {
+    fn __repr__(&self) -> String {
         format!("Track({})", self.predictor.track())
     }
 }
@@ -217,7 +227,7 @@ pub fn open_source(
         CameraSource::Nowhere => crate::source::open(source, &config, None)?,
     };
     let options = Options { positions, provisional, frames, duration };
-    let run = Run::new(name.unwrap_or(source.name()), &config, source.camera(), options)?;
+    let run = Run::of(&*source, name.unwrap_or(source.name()), &config, options)?;
     Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout)
 }
 

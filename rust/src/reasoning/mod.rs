@@ -8,7 +8,7 @@ pub use predictor::Predictor;
 use crate::config::{CameraAssumption, Config, SceneAssumption};
 use crate::event::{self, Event, TrackReason};
 use crate::geometry::camera::{Camera, Pose};
-use crate::math::{Mat3, Vec3, rows, sqrt};
+use crate::math::{Mat3, Vec3, rows};
 use crate::physics::between;
 use crate::physics::contact::Contact;
 use crate::physics::gravity::Gravity;
@@ -16,7 +16,7 @@ use crate::physics::law::{FreeFallWithDrag, State};
 use crate::scene::plane::Up;
 use crate::scene::surfaces::Surfaces;
 use crate::track::Measurement;
-use crate::track::association::{MEASUREMENTS, TRACKS, associate};
+use crate::track::association::{MEASUREMENTS, Sight, TRACKS, associate};
 use crate::track::hypothesis::Surroundings;
 use crate::track::motion::{Finding, Findings};
 use crate::track::noise::Noise;
@@ -91,7 +91,14 @@ impl Reasoning {
         let measured: Vec<Measurement, MEASUREMENTS> = measured.iter().filter(sane).take(MEASUREMENTS).copied().map(proper).collect();
         let measured = measured.as_slice();
         let law = self.law(measured.first().map_or(0.0, |m| m.radius));
-        let mut assigned = associate(&self.tracks, measured, &self.around(&law));
+        let association = associate(&self.tracks, measured, self.sight(), &self.around(&law));
+        let excused: Vec<u32, TRACKS> = self.tracks.iter().zip(association.excused).filter(|(_, e)| *e).map(|(t, _)| t.id).collect();
+        for (track, blob) in self.tracks.iter_mut().zip(association.blurred) {
+            if let Some(blob) = blob.and_then(|j| measured.get(j)) {
+                track.hint(blob);
+            }
+        }
+        let mut assigned = association.tracks;
         for (i, m) in measured.iter().enumerate().take(assigned.len()).filter(|(_, m)| m.whole) {
             // One ball told twice is one: two can't be where one is.
             if m.label.is_none() && measured[..i].iter().any(|o| o.whole && o.label.is_none() && (o.center - m.center).norm() < m.radius) {
@@ -107,7 +114,7 @@ impl Reasoning {
         for id in ids {
             self.with_track(id, sink, |track, _, around, findings| track.tick(track.seconds(timestamp_ns), around, findings));
             if self.camera.is_some() {
-                self.look_after(id, timestamp_ns, measured, sink);
+                self.look_after(id, timestamp_ns, excused.contains(&id), sink);
             }
         }
     }
@@ -254,25 +261,24 @@ impl Reasoning {
         }
     }
 
-    /// Ends a track of which nothing was seen for too long. A blob that can't be measured is a sign of life where it should be.
-    fn look_after(&mut self, id: u32, timestamp_ns: i64, measured: &[Measurement], sink: &mut dyn FnMut(Event)) {
+    /// Ends a track of which nothing was seen for too long. It is `excused` where something hides it, or a blob that can't be measured is
+    /// where it should be.
+    fn look_after(&mut self, id: u32, timestamp_ns: i64, excused: bool, sink: &mut dyn FnMut(Event)) {
         let Some(track) = self.track(id) else { return };
         let now = track.seconds(timestamp_ns);
         let law = self.law(track.radius);
         let prediction = track.predict(&self.around(&law), now);
-        let reach = 3.0 * track.radius + 3.0 * sqrt(prediction.covariance.trace()).min(0.1);
-        let sign = measured.iter().any(|m| !m.whole && (m.center - prediction.state.position).norm() < reach);
         let unseen = now - track.last;
         let reason = match () {
             () if unseen > HIDDEN => Some(if track.sign > track.last { TrackReason::Merged } else { TrackReason::Lost }),
-            () if unseen > LEFT && !self.sees(&prediction.state, track.radius) => Some(TrackReason::LeftView),
-            () if now - track.sign > LOST && !sign => Some(TrackReason::Lost),
+            () if now - track.sign > LEFT && !self.sees(&prediction.state, track.radius) => Some(TrackReason::LeftView),
+            () if now - track.sign > LOST && !excused => Some(TrackReason::Lost),
             () => None,
         };
         if let Some(reason) = reason {
             self.end(id, reason, sink);
         } else if let Some(track) = self.track_mut(id).filter(|t| t.last < now) {
-            if sign {
+            if excused {
                 track.sign = now;
             } else {
                 track.missing.get_or_insert(now);
@@ -280,13 +286,13 @@ impl Reasoning {
         }
     }
 
+    fn sight(&self) -> Option<Sight<'_>> {
+        self.camera.as_ref().map(|camera| Sight { camera, pose: self.pose })
+    }
+
     /// Whether a ball there would be in the image, all of it.
     fn sees(&self, state: &State, radius: f64) -> bool {
-        let Some(camera) = &self.camera else { return true };
-        let p = self.pose.to_camera(&state.position);
-        let Some((column, row)) = camera.project(&p) else { return false };
-        let (rx, ry) = (radius / p.z * camera.fx, radius / p.z * camera.fy);
-        column > rx && row > ry && column < camera.width as f64 - 1.0 - rx && row < camera.height as f64 - 1.0 - ry
+        self.sight().is_none_or(|sight| !sight.cuts(&self.pose.to_camera(&state.position), radius))
     }
 
     fn end(&mut self, id: u32, reason: TrackReason, sink: &mut dyn FnMut(Event)) {

@@ -5,13 +5,13 @@ mod reader;
 pub use reader::{Next, Reader, Step};
 
 use crate::config::Config;
-use crate::engine::Engine;
+use crate::engine::{Engine, Sink};
 use crate::error::ConfigError;
 use crate::event::{CameraModel, Counters, EndReason, Event, Kind, StreamEnded, StreamStarted};
 use crate::geometry::camera::Camera;
 use crate::reasoning::Predictor;
 use crate::seeing::SeeError;
-use crate::source::Input;
+use crate::source::{Input, Source};
 use crate::time::seconds_between;
 use std::time::{Duration, Instant};
 
@@ -32,8 +32,7 @@ pub struct Options {
 pub struct Run {
     engine: Engine<'static>,
     options: Options,
-    source: heapless::String<512>,
-    camera: Option<CameraModel>,
+    started: StreamStarted,
     span_ns: Option<(i64, i64)>,
     told: u64,
     busy: Duration,
@@ -41,64 +40,72 @@ pub struct Run {
 }
 
 impl Run {
-    /// A stream that calls itself `source` (cut after 512 bytes).
+    /// A stream of frames of `camera`, or of positions, that calls itself `source` (cut after 512 bytes).
     ///
     /// # Errors
     /// The first key of the configuration whose value can't be.
     pub fn new(source: &str, config: &Config, camera: Option<Camera>, options: Options) -> Result<Self, ConfigError> {
-        let mut name = heapless::String::new();
-        // What doesn't fit is cut: a name is there to be recognised.
-        let _ = source.chars().try_for_each(|c| name.push(c));
-        Ok(Self {
-            engine: Engine::new(config, camera.as_ref())?,
-            options,
-            source: name,
-            camera: camera.as_ref().map(CameraModel::from),
-            span_ns: None,
-            told: 0,
-            busy: Duration::ZERO,
-            over: false,
-        })
+        Ok(Self::with(Engine::new(config, camera.as_ref())?, source, camera.as_ref(), options))
     }
 
-    /// One input through the engine; its events go to `sink`. After the end nothing happens.
+    /// A stream of what `source` delivers, that calls itself `name`.
+    ///
+    /// # Errors
+    /// As of [`Run::new`].
+    pub fn of(source: &dyn Source, name: &str, config: &Config, options: Options) -> Result<Self, ConfigError> {
+        let camera = source.camera();
+        let engine = match (&camera, source.kinect()) {
+            (Some(camera), Some(kinect)) => Engine::new_for_packets(config, camera, kinect.packing),
+            (camera, _) => Engine::new(config, camera.as_ref()),
+        };
+        Ok(Self::with(engine?, name, camera.as_ref(), options))
+    }
+
+    fn with(engine: Engine<'static>, name: &str, camera: Option<&Camera>, options: Options) -> Self {
+        let mut source = heapless::String::new();
+        // What doesn't fit is cut: a name is there to be recognised.
+        let _ = name.chars().try_for_each(|c| source.push(c));
+        let world_from_camera = engine.world_from_camera().to_rows();
+        let started = StreamStarted { source, camera: camera.map(CameraModel::from), world_from_camera };
+        Self { engine, options, started, span_ns: None, told: 0, busy: Duration::ZERO, over: false }
+    }
+
+    /// One input through the engine; its events go to `sink`. After the end nothing happens. Whether anything came of it: most packets
+    /// only become a part of a frame.
     ///
     /// # Errors
     /// An image that is not the camera's, or not of the kind that the stream began with.
-    pub fn push(&mut self, input: Input<'_>, sink: &mut dyn FnMut(Event)) -> Result<(), SeeError> {
+    pub fn push(&mut self, input: Input<'_>, sink: &mut dyn FnMut(Event)) -> Result<bool, SeeError> {
         if self.over {
-            return Ok(());
+            return Ok(false);
         }
-        let timestamp_ns = input.timestamp_ns();
-        let (first_ns, newest_ns) = match self.span_ns {
-            Some((first, newest)) => (first, newest.max(timestamp_ns)),
-            None => (timestamp_ns, timestamp_ns),
-        };
-        if self.options.duration.is_some_and(|duration| seconds_between(first_ns, timestamp_ns) > duration) {
-            self.end(EndReason::Limit, sink);
-            return Ok(());
-        }
-        if self.span_ns.replace((first_ns, newest_ns)).is_none() {
-            self.start(timestamp_ns, sink);
-        }
-        let Self { engine, options, told, .. } = self;
+        let Self { engine, options, started, span_ns, told, .. } = self;
         let mut tell = |event: Event| tell(event, options, told, sink);
-        let start = Instant::now();
+        // When the frame that the input is, or completes, was handed over; and whether it is later than wanted.
+        let (mut begun, mut late) = (None, false);
+        let mut admit = |timestamp_ns: i64, sink: &mut Sink<'_>| {
+            let (first_ns, newest_ns) = span_ns.map_or((timestamp_ns, timestamp_ns), |(first, newest)| (first, newest.max(timestamp_ns)));
+            late = options.duration.is_some_and(|duration| seconds_between(first_ns, timestamp_ns) > duration);
+            if !late && span_ns.replace((first_ns, newest_ns)).is_none() {
+                sink(Event { timestamp_ns, track: None, is_final: true, kind: started.clone().into() });
+            }
+            begun = Some(Instant::now());
+            !late
+        };
         match input {
-            Input::Frame { timestamp_ns, image } => engine.frame(timestamp_ns, image, &mut tell)?,
-            Input::Positions { timestamp_ns, positions } => engine.positions(timestamp_ns, positions, &mut tell),
+            Input::Frame { timestamp_ns, image } if admit(timestamp_ns, &mut tell) => engine.frame(timestamp_ns, image, &mut tell)?,
+            Input::Positions { timestamp_ns, positions } if admit(timestamp_ns, &mut tell) => {
+                engine.positions(timestamp_ns, positions, &mut tell);
+            }
+            Input::Packet { bytes, arrival_ns } => engine.packet_if(bytes, arrival_ns, &mut admit, &mut tell)?,
+            Input::Frame { .. } | Input::Positions { .. } => {}
         }
-        self.busy += start.elapsed();
-        if self.options.frames.is_some_and(|frames| self.engine.counters().frames >= frames) {
+        let Some(begun) = begun else { return Ok(false) };
+        self.busy += begun.elapsed();
+        if late || self.options.frames.is_some_and(|frames| self.engine.counters().frames >= frames) {
             self.end(EndReason::Limit, sink);
         }
-        Ok(())
-    }
-
-    fn start(&mut self, timestamp_ns: i64, sink: &mut dyn FnMut(Event)) {
-        let world_from_camera = self.engine.world_from_camera().to_rows();
-        let kind = StreamStarted { source: self.source.clone(), camera: self.camera, world_from_camera }.into();
-        tell(Event { timestamp_ns, track: None, is_final: true, kind }, &self.options, &mut self.told, sink);
+        Ok(true)
     }
 
     /// Makes everything final and tells that the stream is over, once. A stream that never began tells nothing.
@@ -116,7 +123,7 @@ impl Run {
 
     /// The camera of its frames; `None` for positions.
     pub fn camera(&self) -> Option<CameraModel> {
-        self.camera
+        self.started.camera
     }
 
     /// Some input came.
@@ -134,7 +141,7 @@ impl Run {
         Counters { events: self.told, ..self.engine.counters() }
     }
 
-    /// How long the engine worked. No event says it: they are the same on every machine.
+    /// How long the engine worked, but for putting packets together. No event says it: they are the same on every machine.
     pub fn busy(&self) -> Duration {
         self.busy
     }

@@ -8,6 +8,7 @@ use crate::source::{Input, Source, SourceError};
 use std::boxed::Box;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::string::String;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use std::vec::Vec;
@@ -16,7 +17,7 @@ use std::vec::Vec;
 const AHEAD: usize = 32;
 
 /// What one input brought.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Step {
     /// Its events.
     pub events: Vec<Event>,
@@ -29,14 +30,14 @@ pub struct Step {
 }
 
 impl Step {
-    /// One input through `run`.
+    /// One input through `run`; `None` where nothing came of it.
     ///
     /// # Errors
     /// As of [`Run::push`].
-    pub fn input(run: &mut Run, input: Input<'_>) -> Result<Self, SeeError> {
+    pub fn input(run: &mut Run, input: Input<'_>) -> Result<Option<Self>, SeeError> {
         let mut events = Vec::new();
-        run.push(input, &mut |event| events.push(event))?;
-        Ok(Self::after(run, events))
+        let happened = run.push(input, &mut |event| events.push(event))?;
+        Ok(happened.then(|| Self::after(run, events)))
     }
 
     /// The end of `run`.
@@ -76,6 +77,7 @@ struct State {
     run: Run,
     steps: VecDeque<Step>,
     outcome: Option<Result<(), SourceError>>,
+    remarks: Vec<String>,
 }
 
 impl Shared {
@@ -94,13 +96,14 @@ impl State {
 
 impl Reader {
     /// Starts to read.
-    pub fn spawn(source: Box<dyn Source>, run: Run) -> Self {
-        let state = Mutex::new(State { run, steps: VecDeque::new(), outcome: None });
+    pub fn spawn(mut source: Box<dyn Source>, run: Run) -> Self {
+        let state = Mutex::new(State { run, steps: VecDeque::new(), outcome: None, remarks: Vec::new() });
         let shared = Arc::new(Shared { state, changed: Condvar::new() });
         let theirs = Arc::clone(&shared);
         std::thread::spawn(move || {
-            let outcome = catch_unwind(AssertUnwindSafe(|| read(source, &theirs))).unwrap_or(Err(SourceError::Panicked));
+            let outcome = catch_unwind(AssertUnwindSafe(|| read(&mut *source, &theirs))).unwrap_or(Err(SourceError::Panicked));
             let mut state = theirs.lock();
+            state.remarks = source.remarks();
             if !matches!(outcome, Err(SourceError::Panicked)) {
                 let reason = if outcome.is_ok() { EndReason::EndOfSource } else { EndReason::Disconnected };
                 state.end(reason);
@@ -123,6 +126,11 @@ impl Reader {
         state.outcome.as_mut().map_or(Next::Silence, |outcome| Next::Over(core::mem::replace(outcome, Ok(()))))
     }
 
+    /// What the user should know of the source, once it is over.
+    pub fn remarks(&self) -> Vec<String> {
+        self.shared.lock().remarks.clone()
+    }
+
     /// Ends the stream now, even if its source is silent; the last events are still handed out.
     pub fn interrupt(&self) {
         let mut state = self.shared.lock();
@@ -141,14 +149,14 @@ impl Drop for Reader {
     }
 }
 
-fn read(mut source: Box<dyn Source>, shared: &Shared) -> Result<(), SourceError> {
+fn read(source: &mut dyn Source, shared: &Shared) -> Result<(), SourceError> {
     while let Some(input) = source.next_input()? {
         let full = |state: &mut State| state.steps.len() >= AHEAD && state.outcome.is_none();
         let mut state = shared.changed.wait_while(shared.lock(), full).unwrap_or_else(PoisonError::into_inner);
         if state.outcome.is_some() {
             return Ok(());
         }
-        let step = Step::input(&mut state.run, input)?;
+        let Some(step) = Step::input(&mut state.run, input)? else { continue };
         state.steps.push_back(step);
         shared.changed.notify_all();
         if state.run.is_over() {

@@ -4,7 +4,9 @@
 
 pub mod body;
 pub mod impact;
+mod many;
 pub mod noise;
+pub mod packets;
 pub mod parameters;
 pub mod path;
 pub mod recording;
@@ -13,6 +15,7 @@ pub mod sensor;
 mod throws;
 pub mod truth;
 
+pub use packets::Packets;
 pub use parameters::{Parameters, SCENES};
 pub use recording::{Summary, simulate};
 pub use scene::{Frame, Frames, Position, Scene};
@@ -56,9 +59,9 @@ pub enum SimError {
         /// Throws tried.
         tried: u32,
     },
-    /// A recording must be an npz.
-    #[error("{0}: a simulated recording is written as OUT.npz; give a name that ends in .npz")]
-    NotNpz(PathBuf),
+    /// A recording must be one of those.
+    #[error("{0}: a simulated recording is written as OUT.npz or OUT.pcapng (also .gz, .zst); give a name that ends so")]
+    Unwritable(PathBuf),
     /// A file could not be written.
     #[error("{path}: {source}; check that the folder exists, can be written, and has room")]
     Write {

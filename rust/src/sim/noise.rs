@@ -5,7 +5,7 @@ use rand_distr::{Distribution, StandardNormal};
 use std::vec::Vec;
 
 /// Pixels from (`left`, `top`), inclusive, to (`right`, `bottom`), exclusive; may reach beyond the image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Rect {
     /// First column.
     pub left: i32,
@@ -59,6 +59,11 @@ impl Rect {
     /// Whether no pixel is in it.
     pub fn is_empty(&self) -> bool {
         self.right <= self.left || self.bottom <= self.top
+    }
+
+    /// Whether pixel (`x`, `y`) is in it.
+    pub fn contains(&self, x: i32, y: i32) -> bool {
+        (self.left..self.right).contains(&x) && (self.top..self.bottom).contains(&y)
     }
 
     /// Where pixel (`x`, `y`) stands in row-major order.

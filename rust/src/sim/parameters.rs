@@ -17,6 +17,8 @@ pub enum Kind {
     Room,
     /// Two balls at a time that cross in the image.
     TwoBalls,
+    /// Many balls at a time that cross, hide each other and bounce.
+    Many,
     /// Flights that touch nothing.
     PassiveFlight,
     /// A ball let go, which bounces until it lies still.
@@ -26,10 +28,11 @@ pub enum Kind {
 }
 
 /// Every scene by its name, with what it is.
-pub const SCENES: [(&str, Kind); 6] = [
+pub const SCENES: [(&str, Kind); 7] = [
     ("bounce", Kind::Bounce),
     ("room", Kind::Room),
     ("two_balls", Kind::TwoBalls),
+    ("many", Kind::Many),
     ("passive_flight", Kind::PassiveFlight),
     ("drop", Kind::Drop),
     ("roll", Kind::Roll),
@@ -67,8 +70,10 @@ const ANY: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 parameters! {
     /// Of all that is random: the same seed gives the same bytes.
     seed: u64 = 1, [0.0, 1.8e19];
-    /// Throws, or pairs of them.
+    /// Throws, or pairs of them, or rounds.
     throws: u32 = 6, [1.0, 1000.0];
+    /// Balls of a round, where there are many at once.
+    balls: u32 = 8, [1.0, 12.0];
     /// From the lens to the middle of the scene, m.
     distance: f64 = 1.75, [0.8, 4.0];
     /// Of the lens over the floor where the camera looks horizontally, m.
@@ -81,6 +86,8 @@ parameters! {
     pose: bool = true, ANY;
     /// What the samples are.
     kind: Samples = Samples::Disparity, ANY;
+    /// The source `sim:` hands out packets, as a Kinect sends them.
+    packets: bool = false, ANY;
     /// Frames a second.
     fps: f64 = 30.0, [5.0, 300.0];
     /// From the first row's readout to the last row's, s.
@@ -157,6 +164,9 @@ impl Parameters {
         if parameters.window.is_multiple_of(2) {
             return Err(bad("window", &parameters.window.to_string(), "must be odd"));
         }
+        if parameters.packets && (parameters.kind != Samples::Disparity || parameters.fps > 32.0) {
+            return Err(bad("packets", "1", "a Kinect sends disparity, up to 32 frames a second"));
+        }
         parameters.pose &= pose_told || (parameters.tilt_deg == 0.0 && parameters.roll_deg == 0.0);
         Ok((kind.1, parameters))
     }
@@ -167,6 +177,7 @@ impl Parameters {
             Kind::Bounce => base,
             Kind::Room => Self { tilt_deg: 20.0, ..base },
             Kind::TwoBalls => Self { throws: 3, ..base },
+            Kind::Many => Self { throws: 2, ..base },
             Kind::PassiveFlight => Self { throws: 10, ..base },
             Kind::Drop | Kind::Roll => Self { throws: 1, ..base },
         }
@@ -211,6 +222,7 @@ mod tests {
             ("bounce?kind=x", ["x", "disparity"]),
             ("bounce?seed=1&seed=2", ["seed=2", "twice"]),
             ("bounce?seed", ["seed", "key=value"]),
+            ("bounce?packets=1&kind=depth", ["packets=1", "disparity"]),
         ] {
             let message = Parameters::parse(scene).unwrap_err().to_string();
             assert!(words.iter().all(|w| message.contains(w)), "{scene}: {message}");

@@ -1,8 +1,11 @@
-//! Scenes as files: `OUT.npz`, what the camera is (`OUT.camera.toml`), what really happened (`OUT.truth.json`).
+//! Scenes as files: `OUT.npz` or a capture `OUT.pcapng`, what the camera is (`OUT.camera.toml`), what really happened (`OUT.truth.json`).
 
 use super::SimError;
+use super::packets::{Packets, zero_plane};
 use super::scene::Scene;
+use crate::capture::{Output, Writer};
 use crate::geometry::camera::{Camera, DepthCode};
+use crate::kinect::disparity::Packing;
 use npyz::WriterBuilder;
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, Write};
@@ -21,7 +24,7 @@ pub struct Summary {
     pub balls: usize,
     /// True contacts, seen or not.
     pub contacts: usize,
-    /// `OUT.npz`.
+    /// `OUT.npz` or `OUT.pcapng`, also packed.
     pub recording: PathBuf,
     /// `OUT.camera.toml`.
     pub camera: PathBuf,
@@ -29,21 +32,40 @@ pub struct Summary {
     pub truth: PathBuf,
 }
 
-/// Simulates `scene` (`NAME?key=value&…`) into `out` (`OUT.npz`), with camera and truth beside it. One frame is in memory at a time.
+/// What a recording is, by its name.
+enum Format {
+    Npz,
+    Capture,
+}
+
+/// Simulates `scene` (`NAME?key=value&…`) into `out` (`OUT.npz`, or a capture `OUT.pcapng` of the Kinect's packets, also `.gz` and `.zst`), with
+/// camera and truth beside it. One frame is in memory at a time.
 ///
 /// # Errors
 /// What [`Scene::parse`] refuses, and files that can't be written.
 pub fn simulate(scene: &str, out: &Path) -> Result<Summary, SimError> {
-    if out.extension().is_none_or(|e| e != "npz") {
-        return Err(SimError::NotNpz(out.to_path_buf()));
-    }
-    let scene = Scene::parse(scene)?;
-    let (camera, truth) = (out.with_extension("camera.toml"), out.with_extension("truth.json"));
+    let packed = out.extension().is_some_and(|e| e == "gz" || e == "zst");
+    let plain = if packed { out.with_extension("") } else { out.to_path_buf() };
+    let format = match plain.extension().and_then(|e| e.to_str()) {
+        Some("npz") if !packed => Format::Npz,
+        Some("pcapng") => Format::Capture,
+        _ => return Err(SimError::Unwritable(out.to_path_buf())),
+    };
+    let scene = match format {
+        Format::Npz => Scene::parse(scene)?,
+        Format::Capture => Scene::parse_for_packets(scene)?,
+    };
+    let (camera, truth) = (plain.with_extension("camera.toml"), plain.with_extension("truth.json"));
     let failed = |path: &Path| {
         let path = path.to_path_buf();
         move |source| SimError::Write { path, source }
     };
-    File::create(out).and_then(|file| write_npz(&scene, file)).map_err(failed(out))?;
+    match format {
+        Format::Npz => File::create(out).and_then(|file| write_npz(&scene, file)),
+        // The highest level makes a third of blank frames, and nothing but heat of noisy ones.
+        Format::Capture => Output::create(out, scene.is_blank().then_some(19)).and_then(|file| write_capture(&scene, file)?.finish()),
+    }
+    .map_err(failed(out))?;
     std::fs::write(&camera, camera_toml(&scene.camera())?).map_err(failed(&camera))?;
     let json = File::create(&truth).map(BufWriter::new).and_then(|file| Ok(serde_json::to_writer(file, scene.truth())?));
     json.map_err(failed(&truth))?;
@@ -83,6 +105,23 @@ pub fn write_npz(scene: &Scene, out: impl Write + Seek) -> io::Result<()> {
         zip.write_all(&bytes)?;
     }
     zip.finish()?.flush()
+}
+
+/// Writes a scene as the capture of the Kinect that saw it, its own calibration first; the same bytes whenever it is written.
+///
+/// # Errors
+/// Whatever `out` refuses.
+pub fn write_capture<W: Write>(scene: &Scene, out: W) -> io::Result<W> {
+    let mut writer = Writer::new(out)?;
+    let mut packets = Packets::new(scene);
+    let mut begun = false;
+    while let Some((bytes, arrival_ns)) = packets.next_packet() {
+        if !core::mem::replace(&mut begun, true) {
+            writer.introduce(Some(&zero_plane()), Packing::Eleven, arrival_ns)?;
+        }
+        writer.packet(bytes, arrival_ns)?;
+    }
+    writer.finish()
 }
 
 fn write_header(out: &mut impl Write, kind: &str, shape: &[u64]) -> io::Result<()> {

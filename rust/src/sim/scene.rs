@@ -31,9 +31,20 @@ pub struct Scene {
     stage: Stage,
     paths: Vec<Path>,
     start_ns: i64,
+    shots: Vec<Shot>,
     truth: Truth,
     sensor_seed: u64,
     position_seed: u64,
+}
+
+/// When a frame is taken.
+#[derive(Clone, Copy, Debug)]
+struct Shot {
+    number: u64,
+    /// Not wrapped.
+    ticks: u64,
+    /// Since the scene began, s.
+    t: f64,
 }
 
 /// A frame, borrowed from [`Frames`].
@@ -41,6 +52,10 @@ pub struct Scene {
 pub struct Frame<'a> {
     /// Stamp of its first row.
     pub timestamp_ns: i64,
+    /// The same on the device's clock, modulo 2³².
+    pub ticks: u32,
+    /// Counts the frames that the device sent, the lost ones too.
+    pub number: u64,
     /// Raw samples as the scene's `kind` says, row-major, width · height.
     pub samples: &'a [u16],
     /// What is really there.
@@ -73,12 +88,25 @@ impl Scene {
         let stage = stage(kind, &parameters);
         let paths =
             Thrower { kind, parameters: &parameters, stage: &stage, camera: &sight, pose: &pose, rng: &mut thrower_rng }.throw_all(LEAD)?;
-        let start_ticks = f64::from(clock_rng.random_range(6_000_000_u32..=u32::MAX / 2));
-        let start_ns = (start_ticks * 1e9 / TICKS).round() as i64;
+        let start_ticks = clock_rng.random_range(6_000_000_u32..=u32::MAX / 2);
+        let start_ns = stamp_ns(start_ticks.into());
         let end = paths.iter().map(Path::end).fold(0.0, f64::max) + 0.5;
         let mut truth = truth(scene, parameters, &pose, &stage, &paths, start_ns);
-        truth.frames = times(&truth.parameters, end, &mut clock_rng).map(|t| frame_truth(&sight, &pose, &paths, start_ns, t)).collect();
-        Ok(Self { sight, stage, paths, start_ns, truth, sensor_seed: seeds.random(), position_seed: seeds.random() })
+        let shots: Vec<Shot> = times(&truth.parameters, end, &mut clock_rng)
+            .map(|(number, ticks)| Shot { number, ticks: u64::from(start_ticks) + ticks, t: ticks as f64 / TICKS })
+            .collect();
+        truth.frames = shots.iter().map(|shot| frame_truth(&sight, &pose, &paths, start_ns, shot)).collect();
+        Ok(Self { sight, stage, paths, start_ns, shots, truth, sensor_seed: seeds.random(), position_seed: seeds.random() })
+    }
+
+    /// The same, with packets: a Kinect's disparity at its rate.
+    ///
+    /// # Errors
+    /// As of [`Scene::parse`]; and keys that no Kinect's packets can have.
+    pub fn parse_for_packets(scene: &str) -> Result<Self, SimError> {
+        let joint = if scene.contains('?') { '&' } else { '?' };
+        let told = scene.contains("packets=");
+        Self::parse(&if told { scene.to_owned() } else { std::format!("{scene}{joint}packets=1") })
     }
 
     /// The camera as an estimator is told of it: without pose where `pose` is 0, without `focal_factor`.
@@ -132,8 +160,8 @@ impl Frames {
     pub fn next_frame(&mut self) -> Option<Frame<'_>> {
         let scene = &self.scene;
         let truth = scene.truth.frames.get(self.next)?;
+        let Shot { number, ticks, t } = scene.shots[self.next];
         self.next += 1;
-        let t = (truth.timestamp_ns - scene.start_ns) as f64 * 1e-9;
         let (readout, height) = (scene.sight.readout, scene.sight.height);
         let rows = if readout > 0.0 { height } else { 1 };
         let present: Vec<(Vec<Vec3>, f64)> = (scene.paths.iter())
@@ -154,7 +182,7 @@ impl Frames {
                 *sample = if *sample == NO_DISPARITY { 0 } else { (units_per_metre / (c0 + c1 * f64::from(*sample))).round() as u16 };
             }
         }
-        Some(Frame { timestamp_ns: truth.timestamp_ns, samples: &self.samples, truth })
+        Some(Frame { timestamp_ns: truth.timestamp_ns, ticks: ticks as u32, number, samples: &self.samples, truth })
     }
 
     /// How many frames there are in all.
@@ -188,22 +216,27 @@ fn camera(p: &Parameters, focal_factor: f64, pose: Option<Pose>) -> Camera {
     Camera { width: 640, height: 480, fx: focal, fy: focal, cx: 319.5, cy: 239.5, code, max_depth: 10.0, readout: p.readout, pose }
 }
 
-/// When the frames that are not lost begin, s.
-fn times(p: &Parameters, end: f64, rng: &mut Xoshiro256PlusPlus) -> impl Iterator<Item = f64> {
-    (0..(end * p.fps) as u32).filter_map(move |i| {
+/// The stamp of unwrapped ticks, ns.
+fn stamp_ns(ticks: u64) -> i64 {
+    ((ticks * 100 + 3) / 6) as i64
+}
+
+/// The frames that are not lost: their number, and when they begin, ticks.
+fn times(p: &Parameters, end: f64, rng: &mut Xoshiro256PlusPlus) -> impl Iterator<Item = (u64, u64)> {
+    (0..(end * p.fps) as u64).filter_map(move |i| {
         let (jitter, lost): (f64, f64) = (StandardNormal.sample(rng), rng.random());
-        let ticks = ((f64::from(i + 1) / p.fps + JITTER * jitter) * TICKS).round();
-        (lost >= p.loss).then_some(ticks / TICKS)
+        let ticks = (((i + 1) as f64 / p.fps + JITTER * jitter) * TICKS).round();
+        (lost >= p.loss).then_some((i, ticks as u64))
     })
 }
 
-fn frame_truth(camera: &Camera, pose: &Pose, paths: &[Path], start_ns: i64, t: f64) -> FrameTruth {
+fn frame_truth(camera: &Camera, pose: &Pose, paths: &[Path], start_ns: i64, shot: &Shot) -> FrameTruth {
     // The row that shows a ball depends on when it is seen, and the other way round: three rounds settle it.
     let seen = paths.iter().enumerate().filter_map(|(ball, path)| {
-        let mut time = t;
+        let mut time = shot.t;
         for _ in 0..3 {
             let (_, row) = camera.project(&pose.to_camera(&path.at(time)?.0))?;
-            time = t + camera.readout * row.clamp(0.0, camera.height as f64 - 1.0) / (camera.height - 1) as f64;
+            time = shot.t + camera.readout * row.clamp(0.0, camera.height as f64 - 1.0) / (camera.height - 1) as f64;
         }
         let (center, velocity) = path.at(time)?;
         Some((ball, time, center, velocity, pose.to_camera(&center), path.ball.radius))
@@ -220,7 +253,7 @@ fn frame_truth(camera: &Camera, pose: &Pose, paths: &[Path], start_ns: i64, t: f
             in_view: in_view(camera, &c, radius, &others),
         }
     });
-    FrameTruth { timestamp_ns: after(start_ns, t), balls: balls.filter(|b| b.in_view > 0.0).collect() }
+    FrameTruth { timestamp_ns: stamp_ns(shot.ticks), balls: balls.filter(|b| b.in_view > 0.0).collect() }
 }
 
 /// Part of a ball's disc that is inside the image and behind none of the nearer balls `others`.

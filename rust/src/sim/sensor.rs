@@ -15,9 +15,9 @@ use std::vec::Vec;
 /// Focal length, px.
 pub const FOCAL: f64 = 575.8;
 /// From the camera to the projector, along the camera's x, m: shadows fall to the left.
-const BASELINE: f64 = 0.075;
+pub(super) const BASELINE: f64 = 0.075;
 /// Raw disparity of a point at infinity.
-const RAW_AT_INFINITY: f64 = 1090.0;
+pub(super) const RAW_AT_INFINITY: f64 = 1090.0;
 /// Steps of raw disparity per pixel of disparity.
 const RAW_PER_PIXEL: f64 = 8.0;
 /// Temporal noise, raw units, before rounding.
@@ -29,7 +29,7 @@ const RANGE: [f64; 2] = [0.4, 10.0];
 /// Readings fade out between these angles of incidence, rad.
 const GRAZING: [f64; 2] = [1.22, 1.40];
 /// Most balls in one frame.
-pub const MAX_BALLS: usize = 4;
+pub const MAX_BALLS: usize = 16;
 /// Labels of a ray: nothing; in the projector's shadow; then balls, then visible solids.
 const NOTHING: usize = 0;
 const SHADOW: usize = 1;
@@ -200,23 +200,12 @@ impl Sensor {
 
     /// Where the image differs from its background: around each ball and its shadow; rectangles that overlap become one.
     fn rects(&self, targets: &[Target]) -> Vec<Rect> {
-        let (c, margin) = (&self.camera, self.errors.window as i32);
+        let margin = self.errors.window as i32;
         let mut rects: Vec<Rect> = Vec::new();
+        let alone = self.solids.is_empty() && targets.len() == 1;
         for target in targets {
-            let bounds = target.centers.iter().filter_map(|center| {
-                let (x, y) = c.project(center)?;
-                let reach = 1.1 * c.fx.max(c.fy) * target.radius / (center.z - target.radius).max(0.05);
-                let shadow =
-                    if self.solids.is_empty() && targets.len() == 1 { 0.0 } else { BASELINE * c.fx / (center.z - target.radius).max(0.05) };
-                Some(Rect {
-                    left: (x - reach - shadow) as i32,
-                    top: (y - reach) as i32,
-                    right: (x + reach) as i32 + 1,
-                    bottom: (y + reach) as i32 + 1,
-                })
-            });
-            let Some(rect) = bounds.reduce(|a, b| a.union(&b)) else { continue };
-            let mut rect = rect.grown(margin).intersection(&self.image());
+            let Some(bounds) = self.bounds(target, if alone { 0.0 } else { BASELINE }) else { continue };
+            let mut rect = bounds.grown(margin).intersection(&self.image());
             while let Some(i) = rects.iter().position(|r| !r.intersection(&rect).is_empty()) {
                 rect = rects.swap_remove(i).union(&rect);
             }
@@ -227,11 +216,30 @@ impl Sensor {
         rects
     }
 
-    /// What the ray through pixel (`x`, `y`) meets.
-    fn cast(&self, x: i32, y: i32, targets: &[Target]) -> Hit {
+    /// Where a ball may be seen, and its shadow from a projector `baseline` to the right.
+    fn bounds(&self, target: &Target, baseline: f64) -> Option<Rect> {
+        let c = &self.camera;
+        let bounds = target.centers.iter().filter_map(|center| {
+            let (x, y) = c.project(center)?;
+            let near = (center.z - target.radius).max(0.05);
+            let reach = 1.1 * c.fx.max(c.fy) * target.radius / near;
+            let shadow = baseline * c.fx / near;
+            Some(Rect {
+                left: (x - reach - shadow) as i32,
+                top: (y - reach) as i32,
+                right: (x + reach) as i32 + 1,
+                bottom: (y + reach) as i32 + 1,
+            })
+        });
+        bounds.reduce(|a, b| a.union(&b))
+    }
+
+    /// What the ray through pixel (`x`, `y`) meets; `bounds` are the targets' in the image.
+    fn cast(&self, x: i32, y: i32, targets: &[Target], bounds: &[Rect]) -> Hit {
         let ray = self.camera.deproject(f64::from(x), f64::from(y), 1.0);
         let camera = Vec3::zeros();
-        let balls = targets.iter().enumerate().map(|(i, t)| (BALLS + i, enter_sphere(&camera, &ray, t.center(y), t.radius)));
+        let near = targets.iter().zip(bounds).enumerate().filter(|(_, (_, bounds))| bounds.contains(x, y));
+        let balls = near.map(|(i, (t, _))| (BALLS + i, enter_sphere(&camera, &ray, t.center(y), t.radius)));
         let solids = self.solids.iter().enumerate().map(|(i, s)| (SOLIDS + i, s.enter(&camera, &ray)));
         let hits = balls.chain(solids).filter_map(|(label, hit)| hit.map(|(depth, cos_incidence)| Hit { label, depth, cos_incidence }));
         let Some(hit) = hits.min_by(|a, b| a.depth.total_cmp(&b.depth)) else { return MISS };
@@ -260,16 +268,29 @@ impl Sensor {
         let around = rect.grown(half);
         let mut hits = core::mem::take(&mut self.hits);
         hits.clear();
+        let bounds: Vec<Rect> =
+            targets.iter().map(|t| self.bounds(t, 0.0).unwrap_or_default().grown(2 * self.errors.window as i32)).collect();
         hits.extend(
             (around.top..around.bottom)
                 .flat_map(|y| (around.left..around.right).map(move |x| (x, y)))
-                .map(|(x, y)| self.cast(x, y, targets)),
+                .map(|(x, y)| self.cast(x, y, targets, &bounds)),
         );
+        let seen = |hit: &Hit| (SHADOW..SOLIDS).contains(&hit.label);
+        // Sums over a window's rows: most windows show nothing that moves, and are passed by.
+        let mut moving = std::vec![0_u32; around.width()];
+        for row in hits.chunks(around.width()).take(self.errors.window - 1) {
+            moving.iter_mut().zip(row).for_each(|(n, hit)| *n += u32::from(seen(hit)));
+        }
         self.edge.draw(rect, self.errors.window, &mut self.rng);
         let image = self.image();
         let mut shares = std::vec![Share::default(); SOLIDS + self.solids.len()];
         for y in rect.top..rect.bottom {
-            for x in rect.left..rect.right {
+            let entering = around.index(around.left, y + half);
+            moving.iter_mut().zip(&hits[entering..]).for_each(|(n, hit)| *n += u32::from(seen(hit)));
+            for (x, columns) in (rect.left..rect.right).zip(moving.windows(self.errors.window)) {
+                if !targets.is_empty() && columns.iter().all(|n| *n == 0) {
+                    continue;
+                }
                 shares.fill(Share::default());
                 let mut front = MISS;
                 for wy in y - half..=y + half {
@@ -284,10 +305,6 @@ impl Sensor {
                         }
                     }
                 }
-                let moving = shares[SHADOW..SOLIDS].iter().any(|s| s.pixels > 0);
-                if !(moving || targets.is_empty()) {
-                    continue;
-                }
                 let index = image.index(x, y);
                 let chance = f64::from(self.edge.values[rect.index(x, y)]);
                 let raw = self.winner(&shares, front.label, chance).map_or(f32::INFINITY, |(label, raw)| {
@@ -296,6 +313,8 @@ impl Sensor {
                 });
                 read(index, raw);
             }
+            let leaving = around.index(around.left, y - half);
+            moving.iter_mut().zip(&hits[leaving..]).for_each(|(n, hit)| *n -= u32::from(seen(hit)));
         }
         self.hits = hits;
     }

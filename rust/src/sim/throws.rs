@@ -61,6 +61,7 @@ impl Thrower<'_> {
                 Kind::Bounce | Kind::Room => std::vec![self.try_until(|t| t.over_the_box(i % 2 == 1))?],
                 Kind::PassiveFlight => std::vec![self.try_until(Self::past_everything)?],
                 Kind::TwoBalls => self.try_until(Self::crossing)?.into(),
+                Kind::Many => self.many()?,
                 Kind::Drop => std::vec![self.dropped()],
                 Kind::Roll => std::vec![self.try_until(Self::rolling)?],
             };
@@ -71,11 +72,11 @@ impl Thrower<'_> {
         Ok(paths)
     }
 
-    fn try_until<T>(&mut self, mut throw: impl FnMut(&mut Self) -> Option<T>) -> Result<T, SimError> {
+    pub(super) fn try_until<T>(&mut self, mut throw: impl FnMut(&mut Self) -> Option<T>) -> Result<T, SimError> {
         (0..TRIES).find_map(|_| throw(self)).ok_or(SimError::NoThrow { tried: TRIES })
     }
 
-    fn uniform(&mut self, from: f64, to: f64) -> f64 {
+    pub(super) fn uniform(&mut self, from: f64, to: f64) -> f64 {
         self.rng.random_range(from..to)
     }
 
@@ -83,7 +84,7 @@ impl Thrower<'_> {
         StandardNormal.sample(self.rng)
     }
 
-    fn fly(&mut self, position: Vec3, velocity: Vec3, duration: f64) -> Path {
+    pub(super) fn fly(&mut self, position: Vec3, velocity: Vec3, duration: f64) -> Path {
         let p = self.parameters;
         let drag_coefficient = if p.drag_coefficient > 0.0 { (p.drag_coefficient + p.drag_sd * self.normal()).max(0.0) } else { 0.0 };
         let ball = Ball { radius: p.radius, mass: p.mass, inertia: p.inertia, drag_coefficient, magnus: p.magnus };
@@ -92,7 +93,7 @@ impl Thrower<'_> {
     }
 
     /// Signed distance of the ball's rim from the edge of the image, in its radii: below −1 nothing of it is in view, above 1 all of it.
-    fn inside(&self, center: &Vec3) -> f64 {
+    pub(super) fn inside(&self, center: &Vec3) -> f64 {
         let c = self.pose.to_camera(center);
         let Some((x, y)) = self.camera.project(&c) else { return -9.0 };
         let (width, height) = (self.camera.width as f64, self.camera.height as f64);
@@ -101,7 +102,7 @@ impl Thrower<'_> {
     }
 
     /// From when to when all of the ball is in view, the first time it is.
-    fn stay(&self, path: &Path) -> Option<(f64, f64)> {
+    pub(super) fn stay(&self, path: &Path) -> Option<(f64, f64)> {
         let whole = |t: &f64| path.at(*t).is_some_and(|(p, _)| self.inside(&p) > 1.0);
         let times = || (0..(path.end() / 5e-3) as u32).map(|i| f64::from(i) * 5e-3);
         let enter = times().find(whole)?;

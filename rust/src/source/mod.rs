@@ -3,11 +3,13 @@
 //! A source knows its name and, if it has one, its camera, and hands out its inputs one by one, each with the stamp of the source's own clock.
 //! It opens, reads and waits; it does not judge stamps, and knows nothing of physics.
 
+mod capture;
 mod csv;
 mod decimal;
 mod depth_png;
 mod error;
 mod fakenect;
+mod faults;
 mod folder;
 mod npz;
 mod npz_record;
@@ -18,10 +20,12 @@ mod simulated;
 mod ticks;
 mod tum;
 
+pub use self::capture::Capture;
 pub use self::csv::Csv;
 pub use depth_png::read_png;
 pub use error::SourceError;
 pub use fakenect::Fakenect;
+pub use faults::{Faults, Faulty, Injected};
 pub use npz::Npz;
 pub use record::{RecordError, Recording};
 #[cfg(feature = "sim")]
@@ -31,11 +35,15 @@ pub use tum::Tum;
 use crate::config::Config;
 use crate::config_file::ConfigFileError;
 use crate::geometry::camera::Camera;
+use crate::kinect::calibration::ZeroPlane;
+use crate::kinect::disparity::Packing;
 use crate::math::{Mat3, Vec3};
 use crate::seeing::Image;
 use crate::track::Measurement;
 use std::boxed::Box;
 use std::path::Path;
+use std::string::String;
+use std::vec::Vec;
 
 /// One input.
 #[derive(Clone, Copy, Debug)]
@@ -54,24 +62,41 @@ pub enum Input<'a> {
         /// World frame.
         positions: &'a [Measurement],
     },
+    /// A packet of a Kinect's depth endpoint.
+    Packet {
+        /// All of it, its header first.
+        bytes: &'a [u8],
+        /// When it arrived, ns on the host's clock.
+        arrival_ns: i64,
+    },
 }
 
-impl Input<'_> {
-    /// Its stamp, ns on the source's own clock.
-    pub fn timestamp_ns(&self) -> i64 {
-        match *self {
-            Self::Frame { timestamp_ns, .. } | Self::Positions { timestamp_ns, .. } => timestamp_ns,
-        }
-    }
+/// What a source of packets knows of their Kinect.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Kinect {
+    /// How its frames are packed.
+    pub packing: Packing,
+    /// Its own zero plane, if it told.
+    pub zero_plane: Option<ZeroPlane>,
 }
 
-/// Anything that delivers frames or positions.
+/// Anything that delivers packets, frames or positions.
 pub trait Source: Send {
     /// How it calls itself: what the user named.
     fn name(&self) -> &str;
 
     /// The camera of its frames; `None` where it delivers positions.
     fn camera(&self) -> Option<Camera>;
+
+    /// The Kinect whose packets it delivers; `None` where it delivers frames or positions.
+    fn kinect(&self) -> Option<Kinect> {
+        None
+    }
+
+    /// What the user should know of it so far, a line each.
+    fn remarks(&self) -> Vec<String> {
+        Vec::new()
+    }
 
     /// The next input, `None` at the end. May wait for it.
     ///
@@ -81,7 +106,7 @@ pub trait Source: Send {
 }
 
 /// What can be opened, for messages.
-const KINDS: &str = "*.npz (depth frames), a folder with INDEX.txt (fakenect) or depth.txt (TUM), *.csv or - (positions), sim:SCENE, demo";
+const KINDS: &str = "*.npz (depth frames), *.pcap or *.pcapng (usbmon captures of a Kinect, also .gz, .zst), a folder with INDEX.txt (fakenect) or depth.txt (TUM), *.csv or - (positions), sim:SCENE, demo";
 
 /// Opens what the user named. `camera` is a camera file that wins over those beside a recording; `[camera]` in `config` wins over both.
 ///
@@ -99,6 +124,10 @@ pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<
     if source.starts_with("sim:") {
         return Ok(Box::new(Simulated::new(source)?));
     }
+    if let Some((capture, faults)) = with_faults(source) {
+        let faults = Faults::parse(faults).map_err(|what| SourceError::malformed(source, what))?;
+        return Ok(Box::new(Faulty::new(source, open(capture, config, camera)?, faults)?));
+    }
     let path = Path::new(source);
     let unsupported = |why: &str| SourceError::Unsupported { source_name: source.into(), why: why.into() };
     if path.is_dir() {
@@ -111,6 +140,7 @@ pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<
     }
     let extension = path.extension().map(|extension| extension.to_ascii_lowercase().to_string_lossy().into_owned());
     match extension.as_deref() {
+        _ if capture::is_named_so(path) => Ok(Box::new(Capture::open(path, &sidecar::in_force(path, config, camera)?)?)),
         Some("npz") => Ok(Box::new(Npz::open(path, &sidecar::in_force(path, config, camera)?)?)),
         Some("csv") => {
             let file = std::fs::File::open(path).map_err(|error| SourceError::unreadable(source, error))?;
@@ -123,6 +153,11 @@ pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<
     }
 }
 
+/// The capture and the faults that `CAPTURE?key=value&…` names, unless that is a file's own name.
+fn with_faults(source: &str) -> Option<(&str, &str)> {
+    source.rsplit_once('?').filter(|(capture, _)| capture::is_named_so(Path::new(capture)) && !Path::new(source).exists())
+}
+
 /// The keys of `[camera]` in force for `source`: `config`'s, then those of its camera file.
 ///
 /// # Errors
@@ -133,7 +168,10 @@ pub fn camera_in_force(
     camera: Option<&Path>,
 ) -> Result<crate::config::CameraConfig, ConfigFileError> {
     match (source, camera) {
-        (Some(source), _) => sidecar::in_force(Path::new(source), config, camera),
+        (Some(source), _) => {
+            let source = with_faults(source).map_or(source, |(capture, _)| capture);
+            sidecar::in_force(Path::new(source), config, camera)
+        }
         (None, Some(camera)) => Ok(config.camera.or(&crate::config_file::read_camera(camera)?)),
         (None, None) => Ok(config.camera.clone()),
     }

@@ -1,5 +1,6 @@
 //! The camera file of a recording.
 
+use super::capture::unpacked_name;
 use crate::config::{CameraConfig, Config};
 use crate::config_file::{ConfigFileError, read_camera};
 use std::path::{Path, PathBuf};
@@ -17,7 +18,7 @@ fn beside(path: &Path) -> Option<PathBuf> {
     if path.is_dir() {
         return Some(path.join("camera.toml")).filter(|file| file.is_file());
     }
-    let of_its_own = path.with_extension("camera.toml");
+    let of_its_own = unpacked_name(path).with_extension("camera.toml");
     let shared = path.with_file_name("camera.toml");
     [of_its_own, shared].into_iter().find(|file| file.is_file())
 }

@@ -1,16 +1,24 @@
-//! A simulated scene, seen as it is rendered.
+//! A simulated scene, seen as it is rendered: frames, or packets.
 
-use super::{Input, Source, SourceError};
+use super::{Input, Kinect, Source, SourceError};
 use crate::geometry::camera::Camera;
+use crate::kinect::disparity::Packing;
 use crate::seeing::Image;
-use crate::sim::{Frames, Scene};
+use crate::sim::packets::zero_plane;
+use crate::sim::{Frames, Packets, Scene};
+use std::boxed::Box;
 use std::string::{String, ToString};
 
-/// The frames of `sim:SCENE`.
+/// The frames of `sim:SCENE`, or with its key `packets` the packets.
 pub struct Simulated {
     name: String,
     camera: Camera,
-    frames: Frames,
+    shown: Shown,
+}
+
+enum Shown {
+    Frames(Box<Frames>),
+    Packets(Box<Packets>),
 }
 
 impl Simulated {
@@ -20,7 +28,12 @@ impl Simulated {
     /// An unknown scene or key, or a value that can't be.
     pub fn new(name: &str) -> Result<Self, SourceError> {
         let scene = Scene::parse(name.trim_start_matches("sim:")).map_err(|error| SourceError::malformed(name, error.to_string()))?;
-        Ok(Self { name: name.into(), camera: scene.camera(), frames: scene.frames() })
+        let shown = if scene.truth().parameters.packets {
+            Shown::Packets(Box::new(Packets::new(&scene)))
+        } else {
+            Shown::Frames(Box::new(scene.frames()))
+        };
+        Ok(Self { name: name.into(), camera: scene.camera(), shown })
     }
 }
 
@@ -33,8 +46,16 @@ impl Source for Simulated {
         Some(self.camera)
     }
 
+    fn kinect(&self) -> Option<Kinect> {
+        matches!(self.shown, Shown::Packets(_)).then(|| Kinect { packing: Packing::Eleven, zero_plane: Some(zero_plane()) })
+    }
+
     fn next_input(&mut self) -> Result<Option<Input<'_>>, SourceError> {
-        let frame = self.frames.next_frame();
-        Ok(frame.map(|frame| Input::Frame { timestamp_ns: frame.timestamp_ns, image: Image::U16(frame.samples) }))
+        Ok(match &mut self.shown {
+            Shown::Frames(frames) => {
+                frames.next_frame().map(|frame| Input::Frame { timestamp_ns: frame.timestamp_ns, image: Image::U16(frame.samples) })
+            }
+            Shown::Packets(packets) => packets.next_packet().map(|(bytes, arrival_ns)| Input::Packet { bytes, arrival_ns }),
+        })
     }
 }

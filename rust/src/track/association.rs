@@ -1,60 +1,129 @@
-//! Which measurement belongs to which track: by prediction, nearest first.
+//! Which measurement belongs to which track: the pairing of all tracks with all measurements that is most probable as a whole.
 
-use crate::math::Mat3;
-use crate::physics::inconsistency::WhitenedTest;
+use crate::geometry::camera::{Camera, Pose};
+use crate::math::{Mat3, Vec3, log, sqrt};
 use crate::track::Measurement;
+use crate::track::assignment::assign;
+use crate::track::expectation::Expectation;
 use crate::track::hypothesis::Surroundings;
-use crate::track::object::Track;
+use crate::track::object::{Track, blur};
 use heapless::Vec;
 
 /// Tracks at once.
-pub const TRACKS: usize = 8;
+pub const TRACKS: usize = 16;
 /// Measurements of one instant.
 pub const MEASUREMENTS: usize = 16;
-/// Squared Mahalanobis distance up to which a measurement is where the law puts the object.
-const GATE: f64 = 30.0;
+/// A blob that can't be measured may be of two: it stands in a second column.
+const COLUMNS: usize = 2 * MEASUREMENTS;
+/// New objects an instant and cubic metre, before a camera. A track that takes up another's ball is worse than two tracks of one ball: so many
+/// more of them than there are.
+const NEW: f64 = 0.1;
+/// The same for each other object that is about: it may come out from behind one.
+const REVEALED: f64 = 0.4;
+/// So many times as many near the image's edge, and how near, m.
+const AT_EDGE: f64 = 10.0;
+const ENTRANCE: f64 = 0.15;
+/// An object in plain view is not measured, at this rate.
+const UNSEEN: f64 = 0.03;
+/// One that was not measured a frame ago.
+const AGAIN: f64 = 0.5;
+/// One that something hides.
+const HIDDEN: f64 = 0.9;
+/// A ball shows as a blob that can't be measured, at this rate.
+const BLURRED: f64 = 0.2;
+/// Gain of two labels that agree: more than any probability.
+const LABEL: f64 = 1e6;
 
-/// For each measurement, the number of its track.
-pub fn associate(tracks: &[Track], measured: &[Measurement], around: &Surroundings) -> Vec<Option<u32>, MEASUREMENTS> {
-    let mut assigned: Vec<Option<u32>, MEASUREMENTS> = measured.iter().take(MEASUREMENTS).map(|_| None).collect();
-    let mut pairs: Vec<(f64, usize, usize), { TRACKS * MEASUREMENTS }> = Vec::new();
-    for (i, track) in tracks.iter().enumerate() {
-        for (j, m) in measured.iter().enumerate().take(MEASUREMENTS).filter(|(_, m)| m.whole) {
-            let labels = match (track.label, m.label) {
-                (Some(a), Some(b)) if a == b => Some(0.0),
-                (None, None) => cost(track, m, around),
-                _ => None,
-            };
-            if let Some(cost) = labels {
-                let _ = pairs.push((cost, i, j));
+/// What became of the tracks.
+#[derive(Clone, Debug)]
+pub struct Association {
+    /// For each measurement, the number of its track. A blob that can't be measured has none.
+    pub tracks: Vec<Option<u32>, MEASUREMENTS>,
+    /// For each track, whether it may be there though it was not measured: something hides it, or a blob that can't be measured is where it should be.
+    pub excused: [bool; TRACKS],
+    /// For each track, the blob (index of its measurement) that can't be measured and is its.
+    pub blurred: [Option<usize>; TRACKS],
+}
+
+/// The camera that looks, and where from.
+#[derive(Clone, Copy, Debug)]
+pub struct Sight<'a> {
+    /// Its image.
+    pub camera: &'a Camera,
+    /// Where it stands.
+    pub pose: Pose,
+}
+
+/// Pairs `measured` with `tracks`; `sight` is the camera's that measured, if one did.
+pub fn associate(tracks: &[Track], measured: &[Measurement], sight: Option<Sight<'_>>, around: &Surroundings) -> Association {
+    let measured = measured.get(..MEASUREMENTS).unwrap_or(measured);
+    let mut gains = [[0.0; COLUMNS]; TRACKS];
+    let mut excused = [false; TRACKS];
+    for ((track, gains), excused) in tracks.iter().zip(&mut gains).zip(&mut excused) {
+        let now = measured.first().map_or(0.0, |m| track.seconds(m.time_ns));
+        let Some(expected) = Expectation::new(track, around, !track.is_missed(now)) else { continue };
+        let place = sight.zip(expected.prediction(around.law, now)).map(|(sight, p)| (sight, p, sight.pose.to_camera(&p.state.position)));
+        *excused = place.is_some_and(|(sight, p, center)| sight.hides(&center, track.radius, sqrt(p.covariance.trace()), measured));
+        let unseen = match () {
+            () if *excused || place.is_some_and(|(sight, _, center)| sight.cuts(&center, track.radius)) => HIDDEN,
+            () if track.is_unmeasured() => AGAIN,
+            () => UNSEEN,
+        };
+        let new = NEW + REVEALED * (tracks.len() - 1) as f64;
+        for (j, m) in measured.iter().enumerate() {
+            let at_edge = sight.is_some_and(|s| s.cuts(&s.pose.to_camera(&m.center), ENTRANCE));
+            let new = if at_edge { AT_EDGE * new } else { new };
+            let gain = gain(track, &expected, m, unseen * new, around);
+            gains[j] = gain;
+            if !m.whole {
+                gains[MEASUREMENTS + j] = gain;
             }
         }
     }
-    pairs.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-    let mut taken = [false; TRACKS];
-    for (_, i, j) in pairs {
-        if !taken[i] && assigned[j].is_none() {
-            taken[i] = true;
-            assigned[j] = Some(tracks[i].id);
+    let mut columns = [None; TRACKS];
+    assign(gains.get(..tracks.len()).unwrap_or(&gains), &mut columns);
+    let mut association = Association { tracks: measured.iter().map(|_| None).collect(), excused, blurred: [None; TRACKS] };
+    for (i, (track, column)) in tracks.iter().zip(columns).enumerate() {
+        let Some(j) = column.map(|column| column % MEASUREMENTS) else { continue };
+        if measured[j].whole {
+            association.tracks[j] = Some(track.id);
+        } else {
+            (association.excused[i], association.blurred[i]) = (true, Some(j));
         }
     }
-    assigned
+    association
 }
 
-/// How badly `m` fits `track`: the squared Mahalanobis distance; beyond the gate, where the object can only be after a contact,
-/// more than any that is inside.
-fn cost(track: &Track, m: &Measurement, around: &Surroundings) -> Option<f64> {
-    let t = track.seconds(m.time_ns);
-    let prediction = track.predict(around, t);
-    let own = m.covariance.unwrap_or_else(|| Mat3::from_diagonal_element(1e-4));
-    let d2 = WhitenedTest::distance2(&prediction, &m.center, &own);
+/// By how much (log) more probable it is that `m` shows `track` than that it shows something new and the track is not seen.
+fn gain(track: &Track, expected: &Expectation, m: &Measurement, otherwise: f64, around: &Surroundings) -> f64 {
+    let labels = (track.label, m.label);
+    if labels != (None, None) {
+        return if labels.0 == labels.1 { LABEL } else { 0.0 };
+    }
     // Kinds that are nearly of one size are not told apart from frame to frame.
-    let same_kind = (m.radius / track.radius - 1.0).abs() < 0.2;
-    if !same_kind {
-        None
-    } else if d2 < GATE {
-        Some(d2)
-    } else {
-        track.reaches(&m.center, t).then(|| GATE + (m.center - prediction.state.position).norm() * 1e3)
+    if m.whole && (m.radius / track.radius - 1.0).abs() > 0.2 {
+        return 0.0;
+    }
+    let own = m.covariance.unwrap_or_else(|| Mat3::from_diagonal_element(1e-4));
+    let (shown, own) = if m.whole { (1.0 - UNSEEN, own) } else { (BLURRED, own + Mat3::from_diagonal_element(blur(track.radius))) };
+    let density = expected.density(around.law, track.seconds(m.time_ns), &m.center, &own);
+    log(shown * density / otherwise)
+}
+
+impl Sight<'_> {
+    /// Whether something measured hides a ball at `center` (camera frame), or a part of it; `spread` is how well the place is known, m.
+    fn hides(&self, center: &Vec3, radius: f64, spread: f64, measured: &[Measurement]) -> bool {
+        let disc = (radius + spread.min(radius)) / center.z;
+        measured.iter().any(|m| {
+            let front = self.pose.to_camera(&m.center);
+            front.z < center.z - 0.5 * radius && (front / front.z - center / center.z).norm() < m.radius / front.z + disc
+        })
+    }
+
+    /// Whether the image's edge cuts a ball at `center` (camera frame), or it is outside.
+    pub fn cuts(&self, center: &Vec3, radius: f64) -> bool {
+        let Some((column, row)) = self.camera.project(center) else { return true };
+        let (rx, ry) = (radius / center.z * self.camera.fx, radius / center.z * self.camera.fy);
+        column < rx || row < ry || column > self.camera.width as f64 - 1.0 - rx || row > self.camera.height as f64 - 1.0 - ry
     }
 }

@@ -1,6 +1,8 @@
 //! From positions to tracks.
 
+pub mod assignment;
 pub mod association;
+pub mod expectation;
 pub mod hypothesis;
 pub mod motion;
 pub mod noise;

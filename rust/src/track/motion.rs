@@ -81,6 +81,15 @@ impl Motion {
         self.fit.as_ref().map(|fit| (fit, self.phase == Phase::Supported))
     }
 
+    /// Samples from this time (s) on agree with no law.
+    pub fn explained_until(&self) -> f64 {
+        match self.phase {
+            Phase::Flying | Phase::Supported if self.fit.is_some() => f64::INFINITY,
+            Phase::Flying | Phase::Supported | Phase::Unknown => self.since,
+            Phase::Doubtful(at) => at,
+        }
+    }
+
     /// Where the object will be at `t` (s).
     pub fn predict(&self, around: &Surroundings, t: f64) -> Option<Prediction> {
         let (fit, supported) = self.fit()?;

@@ -2,9 +2,9 @@
 
 use crate::config::Method;
 use crate::math::{Mat3, Vec3};
-use crate::physics::Sample;
 use crate::physics::flight::{Flight, Prediction, VELOCITY_SD};
 use crate::physics::law::{FreeFall, Law, State};
+use crate::physics::{Sample, between};
 use crate::time::{after, seconds_between};
 use crate::track::Measurement;
 use crate::track::hypothesis::Surroundings;
@@ -12,6 +12,7 @@ use crate::track::motion::{Findings, Motion};
 use crate::track::noise::Noise;
 use crate::track::paper::PaperMotion;
 use crate::track::window::Window;
+use heapless::Vec;
 
 /// The method that watches a track's motion.
 #[derive(Clone, Debug)]
@@ -25,6 +26,14 @@ pub enum Watch {
 
 /// An object that frame after frame did not show for so long, s, was not hidden by lost frames: it is not found again elsewhere.
 const MISSED: f64 = 0.07;
+
+/// Blobs that are remembered.
+pub const HINTS: usize = 3;
+
+/// Variance along one axis of a blob's center that can't be measured, m²: 0.6 radii.
+pub fn blur(radius: f64) -> f64 {
+    0.36 * radius * radius
+}
 
 /// A tracked object.
 #[derive(Clone, Debug)]
@@ -45,6 +54,8 @@ pub struct Track {
     pub missing: Option<f64>,
     /// Id of its newest contact.
     pub contact: u32,
+    /// Blobs since the newest measurement, which were its but could not be measured.
+    hints: Vec<Sample, HINTS>,
     window: Window,
     watch: Watch,
 }
@@ -57,7 +68,19 @@ impl Track {
             Method::Paper => Watch::Paper(PaperMotion::new(0.0, theta)),
         };
         let (label, epoch_ns, radius) = (first.label, first.time_ns, first.radius);
-        Self { id, label, epoch_ns, radius, last: 0.0, sign: 0.0, missing: None, contact: 0, window: Window::default(), watch }
+        Self {
+            id,
+            label,
+            epoch_ns,
+            radius,
+            last: 0.0,
+            sign: 0.0,
+            missing: None,
+            contact: 0,
+            hints: Vec::new(),
+            window: Window::default(),
+            watch,
+        }
     }
 
     /// Seconds since the track's time zero.
@@ -79,6 +102,7 @@ impl Track {
     pub fn push(&mut self, measured: &Measurement, noise: &mut Noise, around: &Surroundings, findings: &mut Findings) {
         let t = self.seconds(measured.time_ns);
         (self.last, self.sign, self.missing) = (t, t, None);
+        self.hints.clear();
         let weight = measured.covariance.and_then(Mat3::try_inverse);
         let known = weight.unwrap_or_else(|| Mat3::from_diagonal_element(1.0 / (noise.sd() * noise.sd())));
         if weight.is_none() {
@@ -93,6 +117,22 @@ impl Track {
                 noise.observe(self.window.samples());
             }
         }
+    }
+
+    /// Takes in a blob that is its, but can't be measured.
+    pub fn hint(&mut self, blob: &Measurement) {
+        let t = self.seconds(blob.time_ns);
+        if self.hints.is_full() {
+            self.hints.remove(0);
+        }
+        let weight = Mat3::from_diagonal_element(1.0 / blur(self.radius));
+        // There is room: the line above made it.
+        let _ = self.hints.push(Sample { t, position: blob.center, weight, half_span: 0.0 });
+    }
+
+    /// Blobs since the newest measurement.
+    pub fn hints(&self) -> &[Sample] {
+        &self.hints
     }
 
     /// Takes in a sample of another track, which turned out to be of this one.
@@ -135,17 +175,27 @@ impl Track {
         self.outlook(around).predict(around.law, t)
     }
 
-    /// Whether an object that touches something on its way may be at `center` at time `t` (s).
-    pub fn reaches(&self, center: &Vec3, t: f64) -> bool {
-        let Some(last) = self.samples().last() else { return false };
-        if self.missing.is_some_and(|since| t - since > MISSED) {
-            return false;
+    /// The law that holds for it, and whether a surface carries it.
+    pub fn lawful(&self, around: &Surroundings) -> Option<(Flight, bool)> {
+        self.outlook(around).lawful
+    }
+
+    /// The newest samples, as far as no law explains them.
+    pub fn unexplained(&self) -> &[Sample] {
+        match &self.watch {
+            Watch::Best(motion) => between(self.samples(), motion.explained_until(), f64::INFINITY),
+            Watch::Paper(_) => self.samples(),
         }
-        // The last step may have been a bounce, there and back: the fastest of a few counts.
-        let speeds = self.samples().windows(2).rev().take(4).map(|w| (w[1].position - w[0].position).norm() / (w[1].t - w[0].t));
-        let speed = speeds.fold(1.0, f64::max);
-        let dt = t - last.t;
-        (center - last.position).norm() < 0.05 + (1.2 * speed + 1.0) * dt + 5.0 * dt * dt
+    }
+
+    /// Whether it was not measured in the newest frame.
+    pub fn is_unmeasured(&self) -> bool {
+        self.missing.is_some() || self.sign > self.last
+    }
+
+    /// Whether frame after frame did not show it up to `t` (s): then it is not found again elsewhere.
+    pub fn is_missed(&self, t: f64) -> bool {
+        self.missing.is_some_and(|since| t - since > MISSED)
     }
 }
 

@@ -1,6 +1,8 @@
 //! Holds the engine's events against a simulated scene's truth.
 #![allow(dead_code)] // Each test and bench uses what it needs.
 
+pub mod identity;
+
 use physinc::config::{Config, Method};
 use physinc::engine::Engine;
 use physinc::event::{CameraOrientation, Contact, Event, Inconsistency, Kind, Surface, TrackStarted};

@@ -21,6 +21,7 @@ pub fn packets(packing: Packing, samples: &[u16], ticks: u32, base: u8) -> Vec<V
 }
 
 /// The tick nearest to a stamp.
+#[allow(dead_code)] // Not every test needs it.
 pub fn ticks(timestamp_ns: i64) -> u32 {
     ((timestamp_ns * 3 + 25) / 50) as u32
 }
