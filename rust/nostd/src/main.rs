@@ -52,8 +52,8 @@ fn sees_a_ball() -> Option<bool> {
     let keys = CameraConfig { width, height, fx: Some(575.8), fy: Some(575.8), cx: Some(31.5), cy: Some(23.5), ..CameraConfig::default() };
     let camera = Camera::from_config(&keys, DepthCode::Depth { units_per_metre: 1000.0 }).ok()?;
     let (mut limits, mut farthest, mut depths) = ([0; SIZES.pixels], [0; SIZES.pixels], [0.0; SIZES.depths]);
-    let (mut marks, mut runs) = ([Default::default(); SIZES.rows], [Default::default(); SIZES.runs]);
-    let (mut lanes, mut numbers) = ([Default::default(); SIZES.lanes], [0.0; SIZES.numbers]);
+    let (mut runs, mut lanes) = ([Default::default(); SIZES.runs], [Default::default(); SIZES.lanes]);
+    let (mut marks, mut numbers) = ([Default::default(); SIZES.rows], [0.0; SIZES.numbers]);
     let buffers = Buffers {
         limits: Slice::Borrowed(&mut limits),
         farthest: Slice::Borrowed(&mut farthest),

@@ -43,7 +43,9 @@ impl Patch {
             return None;
         }
         let stride = columns.len().max(rows.len()).div_ceil(PATCH);
-        let grid = Grid::new(columns.len().div_ceil(stride), rows.len().div_ceil(stride), window.map(|edge| edge.div_ceil(stride)));
+        // Odd, or else its mean would lie beside its middle.
+        let window = window.map(|edge| edge / stride | 1);
+        let grid = Grid::new(columns.len().div_ceil(stride), rows.len().div_ceil(stride), window);
         Some(Self { left: columns.start, top: rows.start, stride, cut: cut_x || cut_y, grid })
     }
 
