@@ -44,7 +44,7 @@ impl Patch {
         }
         let stride = columns.len().max(rows.len()).div_ceil(PATCH);
         // Odd, or else its mean would lie beside its middle.
-        let window = window.map(|edge| edge / stride | 1);
+        let window = window.map(|edge| (edge / stride) | 1);
         let grid = Grid::new(columns.len().div_ceil(stride), rows.len().div_ceil(stride), window);
         Some(Self { left: columns.start, top: rows.start, stride, cut: cut_x || cut_y, grid })
     }
