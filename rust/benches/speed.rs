@@ -40,6 +40,11 @@ fn microseconds(work: impl FnOnce()) -> f64 {
     start.elapsed().as_secs_f64() * 1e6
 }
 
+fn median(mut times: Vec<f64>) -> f64 {
+    times.sort_by(f64::total_cmp);
+    times[times.len() / 2]
+}
+
 /// Mean time of what is counted, µs.
 #[derive(Default)]
 struct Clock {
@@ -162,13 +167,9 @@ fn main() {
         }
         let rounds: Vec<_> = (0..ROUNDS).map(|_| round(&frames, &camera, &config)).collect();
         println!("sim:{name}, {} frames, one core, medians of {ROUNDS} interleaved rounds", frames.len());
-        let median = |row: usize, value: &dyn Fn(&Vec<(&str, f64)>, usize) -> f64| {
-            let mut values: Vec<f64> = rounds.iter().map(|round| value(round, row)).collect();
-            values.sort_by(f64::total_cmp);
-            values[ROUNDS / 2]
-        };
         for (row, (name, _)) in rounds[0].iter().enumerate() {
-            let (time, ratio) = (median(row, &|round, row| round[row].1), median(row, &|round, row| round[row].1 / round[0].1));
+            let time = median(rounds.iter().map(|round| round[row].1).collect());
+            let ratio = median(rounds.iter().map(|round| round[row].1 / round[0].1).collect());
             println!("{name:32} {time:8.1} µs  {ratio:6.2} memcpy");
         }
         println!();
@@ -178,7 +179,7 @@ fn main() {
 
 fn reasoning_alone(config: &Config) {
     let scene = Scene::parse(SCENES[0]).expect("a scene");
-    let mut times: Vec<f64> = (0..ROUNDS)
+    let times = (0..ROUNDS)
         .map(|_| {
             let (mut engine, mut clock) = (Engine::new(config, None).expect("a configuration that can be"), Clock::default());
             for position in scene.positions(30.0, 0.001) {
@@ -198,6 +199,5 @@ fn reasoning_alone(config: &Config) {
             clock.mean()
         })
         .collect();
-    times.sort_by(f64::total_cmp);
-    println!("a position through Engine {:8.1} µs", times[ROUNDS / 2]);
+    println!("a position through Engine {:8.1} µs", median(times));
 }
