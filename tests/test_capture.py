@@ -7,6 +7,7 @@ import gzip
 import os
 import re
 import shutil
+import signal
 import struct
 import subprocess
 import sys
@@ -207,6 +208,23 @@ def test_only_packets_are_recorded_in_captures(tmp_path: Path, capsys: pytest.Ca
     assert main(["record", "demo", str(tmp_path / "out.pcapng")]) == 2
     assert "captures hold packets" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_a_silent_pipe_can_be_interrupted(tmp_path: Path) -> None:
+    pipe = tmp_path / "live.pcap"
+    os.mkfifo(pipe)
+    command = [sys.executable, "-c", "import sys; from physinc.cli import main; sys.exit(main())", "run", str(pipe)]
+    # Once both ends are open it waits for the first byte.
+    with subprocess.Popen(command, stderr=subprocess.PIPE) as process, pipe.open("wb"):
+        time.sleep(0.2)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=60) == 130
+
+
+def test_faults_are_recorded_like_anything_else(capture: Path, tmp_path: Path) -> None:
+    source, out = f"{capture}?lose=0.02&double=0.01&foreign=0.01&late=0.01&seed=1", tmp_path / "out.pcapng.zst"
+    assert main(["record", source, str(out)]) == 0
+    assert events(out) == events(source)
 
 
 @pytest.mark.parametrize("name", ["out.pcapng", "out.pcapng.gz", "out.pcapng.zst"])

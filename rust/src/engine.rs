@@ -54,18 +54,7 @@ impl<'b> Engine<'b> {
     pub fn for_frames(config: &Config, camera: &Camera, buffers: Buffers<'b>) -> Result<Self, ConfigError> {
         config.validate()?;
         let seeing = Seeing::new(camera, &config.object, config.tracking.background_frames, buffers)?;
-        let reasoning = Reasoning::new(config, Some(camera));
-        let timeline = Timeline::default();
-        Ok(Self {
-            assembler: None,
-            untold: 0,
-            seeing: Some(seeing),
-            attention: Attention::new(config),
-            camera: Some(*camera),
-            reasoning,
-            timeline,
-            inputs: 0,
-        })
+        Ok(Self::with(config, Some(camera), Some(seeing), None))
     }
 
     /// For the packets of a Kinect's depth endpoint, whose frames are packed as `packing` and seen by `camera`: in `buffers` as of
@@ -92,7 +81,9 @@ impl<'b> Engine<'b> {
             value: error.needed as f64,
             expected: "a buffer of so many bytes for the packed frame",
         })?;
-        Ok(Self { assembler: Some(assembler), ..Self::for_frames(config, camera, buffers)? })
+        config.validate()?;
+        let seeing = Seeing::new(camera, &config.object, config.tracking.background_frames, buffers)?;
+        Ok(Self::with(config, Some(camera), Some(seeing), Some(assembler)))
     }
 
     /// For positions by any tracker.
@@ -101,17 +92,22 @@ impl<'b> Engine<'b> {
     /// A value of the configuration that can't be.
     pub fn for_positions(config: &Config) -> Result<Self, ConfigError> {
         config.validate()?;
-        let reasoning = Reasoning::new(config, None);
-        Ok(Self {
-            assembler: None,
+        Ok(Self::with(config, None, None, None))
+    }
+
+    /// In one place and inlined: an engine is large, and each call that hands it on may copy it.
+    #[inline]
+    fn with(config: &Config, camera: Option<&Camera>, seeing: Option<Seeing<'b>>, assembler: Option<Assembler<Slice<'b, u8>>>) -> Self {
+        Self {
+            assembler,
             untold: 0,
-            seeing: None,
+            seeing,
             attention: Attention::new(config),
-            camera: None,
-            reasoning,
+            camera: camera.copied(),
+            reasoning: Reasoning::new(config, camera),
             timeline: Timeline::default(),
             inputs: 0,
-        })
+        }
     }
 
     /// The pose that fixes the stream's world.
