@@ -25,6 +25,7 @@ test: test-rust test-python  ## every test, Rust's and Python's
 
 test-rust:
 	cargo test --locked
+	cargo test --locked --release --test instructions
 
 test-python: .venv/.installed
 	python -m pytest

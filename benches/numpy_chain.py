@@ -4,7 +4,8 @@
 
 What somebody would write in an afternoon: depth from disparity, background, connected components, a sphere of known radius by
 least squares, a parabola through the last positions. physinc does more (covariances, silhouettes, tracks, contacts); the ratio is
-what a user would notice. The three run interleaved in one process, medians of 7.
+what a user would notice. The three run interleaved in one process, medians of 7. numpy and OpenCV begin with packed bytes, physinc with
+samples: what it takes to unpack them is a row of `cargo bench --bench speed`, against the same memcpy as numpy's unpacking here.
 """
 
 from __future__ import annotations
@@ -40,6 +41,28 @@ MARGIN = 0.05  # m before the background
 SMALLEST, LARGEST = 30, 20_000  # px
 WINDOW = 10  # positions
 THETA = 0.03  # m
+
+
+def pack(raw: Array) -> Array:
+    """Bytes of 11-bit samples as a Kinect sends them, most significant bit first."""
+    bits = raw.reshape(-1, 1) >> np.arange(10, -1, -1, dtype=np.uint16) & 1
+    return np.packbits(bits.astype(np.uint8))
+
+
+def unpack(packed: Array) -> Array:
+    """Return the samples [N] of packed bytes: 8 from every 11."""
+    a, b, c, d, e, f, g, h, i, j, k = packed.reshape(-1, 11).astype(np.uint16).T
+    eight = (
+        a << 3 | b >> 5,
+        (b & 31) << 6 | c >> 2,
+        (c & 3) << 9 | d << 1 | e >> 7,
+        (e & 127) << 4 | f >> 4,
+        (f & 15) << 7 | g >> 1,
+        (g & 1) << 10 | h << 2 | i >> 6,
+        (i & 63) << 5 | j >> 3,
+        (j & 7) << 8 | k,
+    )
+    return np.stack(eight, axis=1).reshape(-1)
 
 
 def blobs_opencv(mask: Mask) -> list[tuple[Array, Array]]:
@@ -167,7 +190,18 @@ def main() -> None:
         found: dict[str, str] = {}
         camera: dict[str, Any] = {}
         cv2.setNumThreads(1)
+        packed = [pack(frame) for frame in frames]
+        copy = np.empty_like(frames[0])
+        unpacking: dict[str, list[float]] = {"memcpy of a frame": [], "numpy's unpacking": []}
         for _ in range(ROUNDS):
+            start = perf_counter()
+            for frame in frames:
+                np.copyto(copy, frame)
+            unpacking["memcpy of a frame"].append(perf_counter() - start)
+            start = perf_counter()
+            for bytes_ in packed:
+                unpack(bytes_)
+            unpacking["numpy's unpacking"].append(perf_counter() - start)
             start = perf_counter()
             events = list(physinc.stream(zip(stamps, frames, strict=True), camera=camera_toml, positions=True))
             times["physinc"].append(perf_counter() - start)
@@ -177,12 +211,15 @@ def main() -> None:
             for name, blobs in (("OpenCV", blobs_opencv), ("numpy", blobs_numpy)):
                 chain = Chain(camera, law, blobs)
                 start = perf_counter()
-                for stamp, frame in zip(stamps, frames, strict=True):
-                    chain.frame(stamp, frame)
+                for stamp, frame in zip(stamps, packed, strict=True):
+                    chain.frame(stamp, unpack(frame).reshape(480, 640))
                 times[name].append(perf_counter() - start)
                 found[name] = f"{chain.positions} positions, {chain.inconsistencies} inconsistencies"
     print(f"sim:{options.scene}, {len(frames)} frames, one core, medians of {ROUNDS} interleaved rounds")
     medians = {name: statistics.median(of) / len(frames) * 1e6 for name, of in times.items()}
+    for name, of in unpacking.items():
+        median = statistics.median(of)
+        print(f"{name} {median / len(frames) * 1e6:9.1f} µs   {median / statistics.median(unpacking['memcpy of a frame']):7.1f} × memcpy")
     for name, median in medians.items():
         print(f"{name:8} {median:9.1f} µs a frame   {median / medians['physinc']:7.1f} × physinc   {found[name]}")
 

@@ -1,17 +1,37 @@
-//! Time of a frame and of a position on one core, beside a memcpy of one frame; interleaved, medians of 7.
+//! Time of packed bytes to ball positions on one core, beside a memcpy of one frame in the same run; rounds interleaved, medians of 7.
+//!
+//! Every round goes through all frames of the scene, so that each frame comes from memory rather than from a cache, for memcpy as for us.
 
 use std::hint::black_box;
 use std::time::Instant;
 
+use physinc::attention::Attention;
 use physinc::config::Config;
+use physinc::detect::{Blob, Detection};
 use physinc::engine::Engine;
-use physinc::seeing::{Buffers, Image, Seeing};
+use physinc::geometry::camera::Camera;
+use physinc::kinect::disparity::Packing;
+use physinc::reasoning::Reasoning;
+use physinc::seeing::{Buffers, Image, Scope, Seeing};
 use physinc::sim::Scene;
 use physinc::track::Measurement;
 
 const ROUNDS: usize = 7;
-const SCENE: &str = "bounce?seed=1";
-const BALL_RADIUS: f64 = 0.033;
+const SCENES: [&str; 2] = ["bounce?seed=1&distance=1.5", "room?seed=1&distance=1.5"];
+const PACKING: Packing = Packing::Eleven;
+const FRAMES: usize = 150;
+
+struct Frame {
+    timestamp_ns: i64,
+    samples: Vec<u16>,
+    packed: Vec<u8>,
+}
+
+impl Frame {
+    fn image(&self) -> Image<'_> {
+        Image::Packed { packed: black_box(&self.packed), packing: PACKING }
+    }
+}
 
 /// µs that one call of `work` takes.
 fn microseconds(work: impl FnOnce()) -> f64 {
@@ -25,63 +45,159 @@ fn median(mut times: Vec<f64>) -> f64 {
     times[times.len() / 2]
 }
 
-fn main() {
-    let scene = Scene::parse(SCENE).expect("a scene");
-    let (camera, config) = (scene.camera(), Config::default());
-    let mut source = scene.frames();
-    let mut frames: Vec<(i64, Vec<u16>)> = Vec::new();
-    while let Some(frame) = source.next_frame()
-        && frames.len() < 150
-    {
-        frames.push((frame.timestamp_ns, frame.samples.to_vec()));
+/// Mean time of what is counted, µs.
+#[derive(Default)]
+struct Clock {
+    sum: f64,
+    calls: u32,
+}
+
+impl Clock {
+    fn add(&mut self, time: f64) {
+        self.sum += time;
+        self.calls += 1;
     }
-    let positions: Vec<Measurement> = (scene.positions(30.0, 0.001))
-        .map(|position| Measurement {
-            time_ns: position.timestamp_ns,
-            center: position.center,
-            covariance: None,
-            center_in_camera: None,
-            label: None,
-            radius: BALL_RADIUS,
-            points: None,
-            residual_rms: None,
-            whole: true,
+
+    fn time(&mut self, work: impl FnOnce()) {
+        let time = microseconds(work);
+        self.add(time);
+    }
+
+    fn mean(&self) -> f64 {
+        self.sum / f64::from(self.calls)
+    }
+}
+
+type Detections = heapless::Vec<Detection, 16>;
+
+fn one_ball(detections: &Detections) -> bool {
+    detections.len() == 1 && detections[0].blob == Blob::Whole
+}
+
+fn seeing(camera: &Camera, config: &Config) -> Seeing<'static> {
+    Seeing::new(camera, &config.object, config.tracking.background_frames, Buffers::owned(camera.width, camera.height))
+        .expect("buffers of the camera's size")
+}
+
+fn measurement(time_ns: i64, detection: &Detection, reasoning: &Reasoning) -> Measurement {
+    let pose = reasoning.world_from_camera();
+    Measurement {
+        time_ns,
+        center: pose.to_world(&detection.center),
+        covariance: Some(pose.covariance_to_world(&detection.covariance)),
+        center_in_camera: Some(detection.center),
+        label: None,
+        radius: detection.radius,
+        points: Some(detection.points),
+        residual_rms: Some(detection.residual_rms),
+        whole: detection.blob == Blob::Whole,
+    }
+}
+
+/// Names and times of one round, µs.
+fn round(frames: &[Frame], camera: &Camera, config: &Config) -> Vec<(&'static str, f64)> {
+    let (mut memcpy, mut unpack, mut idle, mut full, mut tracked, mut tracking, mut engine_time) =
+        (Clock::default(), Clock::default(), Clock::default(), Clock::default(), Clock::default(), Clock::default(), Clock::default());
+    let mut copy = frames[0].samples.clone();
+    for frame in frames {
+        memcpy.time(|| black_box(&mut copy).copy_from_slice(black_box(&frame.samples)));
+    }
+    for frame in frames {
+        unpack.time(|| PACKING.unpack(black_box(&frame.packed), black_box(&mut copy)).expect("a frame's bytes"));
+    }
+    let mut detections = Detections::new();
+    let mut whole = seeing(camera, config);
+    for (i, frame) in frames.iter().enumerate() {
+        let learned = i > config.tracking.background_frames as usize;
+        let time = microseconds(|| whole.see(frame.image(), &mut detections).expect("the camera's image"));
+        if one_ball(&detections) {
+            full.add(time);
+        } else if learned && detections.is_empty() {
+            idle.add(time);
+        }
+    }
+    let (mut near, mut attention, mut reasoning) = (seeing(camera, config), Attention::new(config), Reasoning::new(config, Some(camera)));
+    for (i, frame) in (0..).zip(frames) {
+        let mut everywhere = true;
+        let time = microseconds(|| {
+            let bands = attention.bands(frame.timestamp_ns, camera, &reasoning);
+            let scope = Scope { bands: &bands, ..Scope::default() };
+            everywhere = near.see_in(frame.image(), scope, &mut detections).expect("the camera's image");
+        });
+        if reasoning.tracks() == 1 && one_ball(&detections) {
+            tracking.add(time);
+            if !everywhere {
+                tracked.add(time);
+            }
+        }
+        let measured: Vec<_> = detections.iter().map(|d| measurement(frame.timestamp_ns, d, &reasoning)).collect();
+        reasoning.push(frame.timestamp_ns, i, &measured, &mut |event| drop(black_box(event)));
+        attention.saw(frame.timestamp_ns, everywhere, &detections, reasoning.tracks());
+    }
+    let mut engine = Engine::new(config, Some(camera)).expect("a configuration that can be");
+    for frame in frames {
+        let sink = &mut |event| drop(black_box(event));
+        engine_time.time(|| engine.frame(frame.timestamp_ns, frame.image(), sink).expect("the camera's image"));
+    }
+    [
+        ("memcpy of 614,400 bytes", memcpy),
+        ("11 bits unpacked", unpack),
+        ("a frame without ball, whole", idle),
+        ("packed → position, whole frame", full),
+        ("packed → position, tracked", tracked),
+        ("the same, mean while tracking", tracking),
+        ("packed → events, mean of all", engine_time),
+    ]
+    .map(|(name, clock)| (name, clock.mean()))
+    .into()
+}
+
+fn main() {
+    let config = Config::default();
+    for name in SCENES {
+        let scene = Scene::parse(name).expect("a scene");
+        let camera = scene.camera();
+        let (mut source, mut frames) = (scene.frames(), Vec::new());
+        while let Some(frame) = source.next_frame()
+            && frames.len() < FRAMES
+        {
+            let mut packed = vec![0; PACKING.frame_bytes()];
+            PACKING.pack(frame.samples, &mut packed).expect("a Kinect's frame");
+            frames.push(Frame { timestamp_ns: frame.timestamp_ns, samples: frame.samples.to_vec(), packed });
+        }
+        let rounds: Vec<_> = (0..ROUNDS).map(|_| round(&frames, &camera, &config)).collect();
+        println!("sim:{name}, {} frames, one core, medians of {ROUNDS} interleaved rounds", frames.len());
+        for (row, (name, _)) in rounds[0].iter().enumerate() {
+            let time = median(rounds.iter().map(|round| round[row].1).collect());
+            let ratio = median(rounds.iter().map(|round| round[row].1 / round[0].1).collect());
+            println!("{name:32} {time:8.1} µs  {ratio:6.2} memcpy");
+        }
+        println!();
+    }
+    reasoning_alone(&config);
+}
+
+fn reasoning_alone(config: &Config) {
+    let scene = Scene::parse(SCENES[0]).expect("a scene");
+    let times = (0..ROUNDS)
+        .map(|_| {
+            let (mut engine, mut clock) = (Engine::new(config, None).expect("a configuration that can be"), Clock::default());
+            for position in scene.positions(30.0, 0.001) {
+                let one = Measurement {
+                    time_ns: position.timestamp_ns,
+                    center: position.center,
+                    covariance: None,
+                    center_in_camera: None,
+                    label: None,
+                    radius: config.object.radius.as_slice()[0],
+                    points: None,
+                    residual_rms: None,
+                    whole: true,
+                };
+                clock.time(|| engine.positions(one.time_ns, &[one], &mut |event| drop(black_box(event))));
+            }
+            clock.mean()
         })
         .collect();
-
-    let mut copy = frames[0].1.clone();
-    let mut detections = heapless::Vec::new();
-    let mut columns: [Vec<f64>; 4] = Default::default();
-    for _ in 0..ROUNDS {
-        let mut seeing =
-            Seeing::new(&camera, &config.object, config.tracking.background_frames, Buffers::owned(camera.width, camera.height))
-                .expect("buffers of the camera's size");
-        let mut whole = Engine::new(&config, Some(&camera)).expect("a configuration that can be");
-        let mut reasoning = Engine::new(&config, None).expect("a configuration that can be");
-        let mut sums = [0.0; 4];
-        for (stamp, samples) in &frames {
-            sums[0] += microseconds(|| {
-                copy.copy_from_slice(black_box(samples));
-                black_box(&copy);
-            });
-            sums[1] += microseconds(|| seeing.see(Image::U16(samples), &mut detections).expect("the camera's image"));
-            sums[2] += microseconds(|| {
-                whole.frame(*stamp, Image::U16(samples), &mut |event| drop(black_box(event))).expect("the camera's image");
-            });
-        }
-        for position in &positions {
-            let one = std::slice::from_ref(position);
-            sums[3] += microseconds(|| reasoning.positions(position.time_ns, one, &mut |event| drop(black_box(event))));
-        }
-        for (column, (sum, n)) in columns.iter_mut().zip(sums.iter().zip([frames.len(), frames.len(), frames.len(), positions.len()])) {
-            column.push(sum / n as f64);
-        }
-    }
-
-    let [memcpy, rest @ ..] = columns.map(median);
-    println!("sim:{SCENE}, {} frames, {} positions, one core, medians of {ROUNDS} interleaved rounds", frames.len(), positions.len());
-    println!("memcpy of {} bytes       {memcpy:9.1} µs", copy.len() * 2);
-    for (name, time) in ["a frame through Seeing     ", "a frame through Engine     ", "a position through Engine  "].iter().zip(rest) {
-        println!("{name} {time:9.1} µs   {:8.2} memcpy", time / memcpy);
-    }
+    println!("a position through Engine {:8.1} µs", median(times));
 }

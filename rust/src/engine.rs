@@ -1,5 +1,6 @@
 //! Packets, frames or positions to events: assembling, seeing and reasoning in one, and the stream's time watched.
 
+use crate::attention::Attention;
 use crate::config::{Config, SceneAssumption};
 use crate::detect::{Blob, Detection};
 use crate::error::ConfigError;
@@ -39,6 +40,7 @@ pub struct Engine<'b> {
     /// Packets lost that no gap has told of.
     untold: u64,
     seeing: Option<Seeing<'b>>,
+    attention: Attention,
     camera: Option<Camera>,
     reasoning: Reasoning,
     timeline: Timeline,
@@ -51,13 +53,7 @@ impl<'b> Engine<'b> {
     /// # Errors
     /// A value of the configuration that can't be, or buffers that are too small.
     pub fn for_frames(config: &Config, camera: &Camera, buffers: Buffers<'b>) -> Result<Self, ConfigError> {
-        config.validate()?;
-        let mut seeing = Seeing::new(camera, &config.object, config.tracking.background_frames, buffers)?;
-        if config.assume.scene == SceneAssumption::Known {
-            let expected = "\"unknown\", or a camera whose world_from_camera is told";
-            let pose = camera.pose.ok_or(ConfigError { key: "assume.scene", value: f64::NAN, expected })?;
-            seeing.know(Environment::new(&config.environment), pose);
-        }
+        let seeing = see(config, camera, buffers)?;
         Ok(Self::with(config, Some(camera), Some(seeing), None))
     }
 
@@ -85,8 +81,7 @@ impl<'b> Engine<'b> {
             value: error.needed as f64,
             expected: "a buffer of so many bytes for the packed frame",
         })?;
-        config.validate()?;
-        let seeing = Seeing::new(camera, &config.object, config.tracking.background_frames, buffers)?;
+        let seeing = see(config, camera, buffers)?;
         Ok(Self::with(config, Some(camera), Some(seeing), Some(assembler)))
     }
 
@@ -106,6 +101,7 @@ impl<'b> Engine<'b> {
             assembler,
             untold: 0,
             seeing,
+            attention: Attention::new(config),
             camera: camera.copied(),
             reasoning: Reasoning::new(config, camera),
             timeline: Timeline::default(),
@@ -173,7 +169,8 @@ impl<'b> Engine<'b> {
             gaps[1] = Some(packets_lost(before, timestamp_ns, core::mem::take(&mut self.untold), loss.missing));
         }
         let mut detections: Vec<Detection, 16> = Vec::new();
-        seeing.see_in(image, Scope { missing: loss.missing, bands: &[] }, &mut detections)?;
+        let bands = self.attention.bands(timestamp_ns, camera, &self.reasoning);
+        let whole = seeing.see_in(image, Scope { missing: loss.missing, bands: &bands }, &mut detections)?;
         let pose = self.reasoning.world_from_camera();
         let readout = camera.readout / (camera.height as f64 - 1.0);
         let measured: Vec<Measurement, 16> = detections
@@ -192,6 +189,7 @@ impl<'b> Engine<'b> {
             .collect();
         tell_gaps(gaps, timestamp_ns, sink);
         self.reasoning.push(timestamp_ns, frame, &measured, sink);
+        self.attention.saw(timestamp_ns, whole, &detections, self.reasoning.tracks());
         Ok(())
     }
 
@@ -250,6 +248,18 @@ impl Engine<'static> {
         let packed = Slice::Owned(std::vec![0; packing.frame_bytes()]);
         Self::for_packets(config, camera, packing, Buffers::owned(camera.width, camera.height), packed)
     }
+}
+
+/// What sees the images of `camera`; with a known scene, before that scene.
+fn see<'b>(config: &Config, camera: &Camera, buffers: Buffers<'b>) -> Result<Seeing<'b>, ConfigError> {
+    config.validate()?;
+    let mut seeing = Seeing::new(camera, &config.object, config.tracking.background_frames, buffers)?;
+    if config.assume.scene == SceneAssumption::Known {
+        let expected = "\"unknown\", or a camera whose world_from_camera is told";
+        let pose = camera.pose.ok_or(ConfigError { key: "assume.scene", value: f64::NAN, expected })?;
+        seeing.know(Environment::new(&config.environment), pose);
+    }
+    Ok(seeing)
 }
 
 /// The gap that ends with a frame before which, or of which, `packets` were lost. The device sends its frames at an even rate, which tells

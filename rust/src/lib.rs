@@ -44,6 +44,7 @@
 #[cfg(feature = "std")]
 extern crate std;
 
+pub mod attention;
 #[cfg(feature = "std")]
 pub mod capture;
 pub mod config;

@@ -20,7 +20,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("seeing", &["kinect", "stream", "geometry", "detect", "physics", "track", "scene"]),
     ("reasoning", &["kinect", "stream", "geometry", "detect", "physics", "track", "scene"]),
     ("timeline", &[]),
-    ("engine", &["timeline", "kinect", "stream", "geometry", "detect", "physics", "track", "scene", "seeing", "reasoning"]),
+    ("attention", &["geometry", "detect", "track", "seeing", "reasoning"]),
+    ("engine", &["timeline", "attention", "kinect", "stream", "geometry", "detect", "physics", "track", "scene", "seeing", "reasoning"]),
     // What it hands on are images and measurements.
     (
         "source",

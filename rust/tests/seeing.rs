@@ -5,8 +5,9 @@ use physinc::detect::Detection;
 use physinc::engine::Engine;
 use physinc::geometry::camera::{Camera, DepthCode, KINECT_DISPARITY_LAW};
 use physinc::kinect::disparity::Packing;
-use physinc::seeing::{Buffers, Image, SeeError, Seeing};
+use physinc::seeing::{Band, Buffers, Image, Scope, SeeError, Seeing};
 use proptest::prelude::*;
+use std::ops::Range;
 
 const SIZE: (u32, u32) = (80, 60);
 
@@ -73,6 +74,82 @@ proptest! {
             seeing.see(if floating { Image::F32(&metres) } else { Image::U16(image) }, &mut detections).unwrap();
             prop_assert!(detections.iter().all(makes_sense), "{detections:?}");
         }
+    }
+
+    #[test]
+    fn in_a_band_nothing_is_seen_that_the_whole_image_does_not_show(
+        images in prop::collection::vec(arbitrary_image(), 1..4),
+        disparity: bool,
+        radius in 0.02_f64..0.3,
+        first in 0_usize..60,
+        rows in 0_usize..40,
+    ) {
+        let camera = camera(disparity, 10.0);
+        let object = ObjectConfig { radius: Radii::one(radius), ..ObjectConfig::default() };
+        let bands = [Band { rows: first..(first + rows).min(60), balls: 0 }];
+        let see = |bands| {
+            let mut seeing = Seeing::new(&camera, &object, 1, Buffers::owned(camera.width, camera.height)).unwrap();
+            let (mut detections, mut whole) = (heapless::Vec::new(), true);
+            for (i, image) in images.iter().enumerate() {
+                let scope = Scope { bands: if i + 1 == images.len() { bands } else { &[] }, ..Scope::default() };
+                whole = seeing.see_in(Image::U16(image), scope, &mut detections).unwrap();
+            }
+            (detections, whole, seeing.cluttered())
+        };
+        let ((some, whole, _), (all, _, cluttered)) = (see(&bands), see(&[]));
+        // A band may be clear where the whole image is too full to be told apart.
+        prop_assume!(cluttered == 0 && all.len() < 16);
+        if whole {
+            prop_assert_eq!(&some, &all);
+        } else {
+            prop_assert!(some.iter().all(|d| all.contains(d)), "{:?} {:?}", some, all);
+        }
+    }
+}
+
+/// A ball (a cap in disparity, around a column and a row) before a wall whose noise depends on `seed`, as a Kinect packs it.
+fn packed_ball(column: f64, row: f64, seed: usize) -> Vec<u8> {
+    let sample = |i: usize| {
+        let (dx, dy) = ((i % 640) as f64 - column, (i / 640) as f64 - row);
+        let inside = 1.0 - (dx * dx + dy * dy) / 160.0;
+        if inside > 0.0 { 850 + (6.0 * (1.0 - inside.sqrt())) as u16 } else { 1000 + (i * seed % 7 / 3) as u16 }
+    };
+    let samples: Vec<u16> = (0..640 * 480).map(sample).collect();
+    let mut packed = vec![0; Packing::Eleven.frame_bytes()];
+    Packing::Eleven.pack(&samples, &mut packed).unwrap();
+    packed
+}
+
+#[test]
+fn a_band_shows_what_the_whole_image_shows_there() {
+    let camera = Camera::from_config(&CameraConfig::default(), DepthCode::Disparity { law: KINECT_DISPARITY_LAW }).unwrap();
+    let images: Vec<_> = [(200.0, 100.0, 5), (300.0, 240.0, 11), (310.5, 244.5, 3)].map(|(x, y, seed)| packed_ball(x, y, seed)).into();
+    let see = |bands: &[Band]| {
+        let mut seeing = Seeing::new(&camera, &ObjectConfig::default(), 1, Buffers::owned(640, 480)).unwrap();
+        let (mut detections, mut whole) = (heapless::Vec::new(), true);
+        for (i, packed) in [&packed_ball(-100.0, 0.0, 1)].into_iter().chain(&images).enumerate() {
+            let image = Image::Packed { packed, packing: Packing::Eleven };
+            let scope = Scope { bands: if i == images.len() { bands } else { &[] }, ..Scope::default() };
+            whole = seeing.see_in(image, scope, &mut detections).unwrap();
+        }
+        (detections, whole)
+    };
+    let (all, _) = see(&[]);
+    assert_eq!(all.len(), 1);
+    let mut narrow = 0;
+    for rows in (0..30).map(|margin| 232 - margin..258 + margin) {
+        let (detections, whole) = see(&[Band { rows: 0..20, balls: 0 }, Band { rows, balls: 1 }]);
+        assert_eq!(detections, all);
+        narrow += u32::from(!whole);
+    }
+    // Where rows beyond the band count, the whole image was searched after all.
+    assert!((10..30).contains(&narrow), "{narrow}");
+    let (detections, whole) = see(&[Band { rows: 200..300, balls: 2 }]);
+    assert!(whole && detections == all);
+    let (detections, whole) = see(&[Band { rows: 0..100, balls: 0 }]);
+    assert!(!whole && detections.is_empty());
+    for rows in [400..500, Range { start: 300, end: 200 }] {
+        assert_eq!(see(&[Band { rows, balls: 0 }]), (all.clone(), true), "no rows of the image");
     }
 }
 

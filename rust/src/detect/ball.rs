@@ -23,7 +23,7 @@ const LINEAR: (f64, f64) = (0.5, 0.1);
 const ROUNDS: usize = 5;
 
 /// [`Lanes`] and single numbers that a fit needs room for.
-pub const ROOM: (usize, usize) = (6 * CELLS, 3 * CELLS);
+pub const ROOM: (usize, usize) = (8 * CELLS, 3 * CELLS);
 
 /// What is needed to look for a ball.
 pub struct View<'v, S> {
@@ -197,7 +197,7 @@ impl<S: Sample> View<'_, S> {
             let scale = self.scale(center.z);
             let patch = Patch::around(self.camera, &center, self.radius, BAND, self.noise.window)?;
             let cells = patch.grid.cells();
-            let (cap, lanes) = lanes.get_mut(..6 * cells)?.split_at_mut(cells);
+            let (cap, lanes) = lanes.get_mut(..8 * cells)?.split_at_mut(cells);
             let (outline, lanes) = lanes.split_at_mut(cells);
             let (weights, scratch) = lanes.split_at_mut(cells);
             let (depth, numbers) = numbers.get_mut(..3 * cells)?.split_at_mut(cells);

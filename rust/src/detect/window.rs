@@ -3,7 +3,10 @@
 //! Noise that is shared over a window of w pixels is white noise ε, one a pixel, averaged: e(p) = Σ ε(q)/√w over the window at p, e = Bᵀε/√w.
 //! With what each pixel has to itself (rounding), the covariance of readings is C = shared · BᵀB/w + own · 1, in running sums.
 
+#![allow(clippy::inline_always)] // So that loops are compiled for the registers of `widest`.
+
 use super::noise::Shares;
+use crate::simd::widest;
 use nalgebra::{SMatrix, SVector};
 
 /// Four numbers of a pixel.
@@ -39,9 +42,9 @@ impl Grid {
         Self { columns: columns.min(PATCH), rows: rows.min(PATCH), window: window.map(|edge| edge.clamp(1, WINDOW)) }
     }
 
-    /// Cells from one row to the next.
+    /// Cells from one row to the next: an even number, for registers that take two at once.
     pub fn width(&self) -> usize {
-        self.columns + self.window[0] - 1
+        (self.columns + self.window[0] - 1).next_multiple_of(2)
     }
 
     /// Cells, padding included.
@@ -55,57 +58,60 @@ impl Grid {
     }
 
     /// Replaces each cell by the sum over the window that ends there: B. The padding must be 0.
+    #[inline(always)]
     fn gather<const N: usize>(&self, cells: &mut [[f32; N]]) {
         let (width, [across, down]) = (self.width(), self.window);
+        let mut before = [[0.0; N]; WIDTH];
         for row in cells.chunks_exact_mut(width).take(self.rows) {
-            let mut sum = [0.0; N];
-            for i in (0..width).rev() {
-                // Backwards, so that what leaves the window has not been overwritten yet.
-                if i + 1 >= across {
-                    add(&mut sum, &row[i + 1 - across]);
-                }
-                let leaving = core::mem::replace(&mut row[i], sum);
-                subtract(&mut sum, &leaving);
-            }
+            let before = before.get_mut(..width).unwrap_or_default();
+            before.copy_from_slice(row);
+            gather_row(across, before, row);
         }
         let mut sums = [[0.0; N]; WIDTH];
+        let sums = sums.get_mut(..width).unwrap_or_default().as_flattened_mut();
         for y in (0..self.rows + down - 1).rev() {
-            let (before, rest) = cells.split_at_mut(y * width);
+            // Upwards, so that what leaves the window has not been overwritten yet.
+            let (above, here) = cells.as_flattened_mut().split_at_mut(y * width * N);
             if let Some(first) = (y + 1).checked_sub(down) {
-                let entering = if down == 1 { &*rest } else { before.get(first * width..).unwrap_or_default() };
-                sums.iter_mut().zip(entering.iter().take(width)).for_each(|(sum, entering)| add(sum, entering));
+                let entering = if down == 1 { &*here } else { above.get(first * width * N..).unwrap_or_default() };
+                add(sums, entering);
             }
-            for (sum, cell) in sums.iter_mut().zip(rest.iter_mut().take(width)) {
+            for (sum, cell) in sums.iter_mut().zip(here) {
                 let leaving = core::mem::replace(cell, *sum);
-                subtract(sum, &leaving);
+                *sum -= leaving;
             }
         }
     }
 
-    /// Replaces each pixel of the patch by the sum over the window that starts there: Bᵀ. Leaves anything in the padding.
-    fn scatter<const N: usize>(&self, cells: &mut [[f32; N]]) {
+    /// Fills the pixels of `to` with those of `from` after B and its transpose. `between` is room to work in; the padding of `from` and `to` must be 0.
+    #[inline(always)]
+    fn correlate(&self, from: &[Lanes], to: &mut [Lanes], between: &mut [Lanes]) {
         let (width, [across, down]) = (self.width(), self.window);
-        let mut sums = [[0.0; N]; WIDTH];
-        for row in cells.chunks_exact(width).take(down - 1) {
-            sums.iter_mut().zip(row).for_each(|(sum, cell)| add(sum, cell));
+        let mut sums = [[0.0; 4]; WIDTH];
+        let gathered = sums.get_mut(..width).unwrap_or_default();
+        for (from, to) in from.chunks_exact(width).zip(to.chunks_exact_mut(width)).take(self.rows) {
+            gather_row(across, from, gathered);
+            scatter_row(across, gathered, to.get_mut(..self.columns).unwrap_or_default());
         }
-        for y in 0..self.rows {
-            let (row, below) = cells.split_at_mut((y + 1) * width);
-            let row = row.get_mut(y * width..).unwrap_or_default();
-            let entering = if down == 1 { &*row } else { below.get((down - 2) * width..).unwrap_or_default() };
-            sums.iter_mut().zip(entering.iter().take(width)).for_each(|(sum, entering)| add(sum, entering));
-            for (sum, cell) in sums.iter_mut().zip(row) {
-                let leaving = core::mem::replace(cell, *sum);
-                subtract(sum, &leaving);
+        let row = |y: usize| y * width * 4..(y + 1) * width * 4;
+        let (to, between) = (to.as_flattened_mut(), between.as_flattened_mut());
+        let sums = gathered.as_flattened_mut();
+        sums.fill(0.0);
+        for y in 0..self.rows + down - 1 {
+            if y < self.rows {
+                add(sums, &to[row(y)]);
+            }
+            between[row(y)].copy_from_slice(sums);
+            if let Some(first) = (y + 1).checked_sub(down) {
+                subtract(sums, &to[row(first)]);
             }
         }
-        for row in cells.chunks_exact_mut(width).take(self.rows) {
-            let mut sum = [0.0; N];
-            row.iter().take(across - 1).for_each(|cell| add(&mut sum, cell));
-            for i in 0..self.columns {
-                add(&mut sum, &row[i + across - 1]);
-                let leaving = core::mem::replace(&mut row[i], sum);
-                subtract(&mut sum, &leaving);
+        sums.fill(0.0);
+        for y in 0..self.rows + down - 1 {
+            add(sums, &between[row(y)]);
+            if let Some(first) = (y + 1).checked_sub(down) {
+                to[row(first)].copy_from_slice(sums);
+                subtract(sums, &between[row(first)]);
             }
         }
     }
@@ -124,32 +130,52 @@ impl Grid {
     }
 
     /// Solves C · weights = `jacobian` for each lane, nearly: any weights give an unbiased estimate, these nearly the best there is. Only
-    /// pixels that `jacobian` has anything of take part. `scratch` is three times as long.
+    /// pixels that `jacobian` has anything of take part. `scratch` is five times as long.
     pub fn whiten(&self, noise: Shares, jacobian: &[Lanes], weights: &mut [Lanes], scratch: &mut [Lanes]) {
-        let (residual, scratch) = scratch.split_at_mut(jacobian.len());
-        let (direction, image) = scratch.split_at_mut(jacobian.len());
+        widest(
+            #[inline(always)]
+            || self.solve(noise, jacobian, weights, scratch),
+        );
+    }
+
+    /// Conjugate gradients.
+    #[inline(always)]
+    fn solve(&self, noise: Shares, jacobian: &[Lanes], weights: &mut [Lanes], scratch: &mut [Lanes]) {
+        weights.fill([0.0; 4]);
+        let (between, scratch) = scratch.split_at_mut(self.cells());
+        // The rows of padding stay 0.
+        let pixels = self.rows * self.width();
+        let (jacobian, weights) = (&jacobian[..pixels], &mut weights[..pixels]);
+        let (residual, scratch) = scratch.split_at_mut(pixels);
+        let (direction, scratch) = scratch.split_at_mut(pixels);
+        let (used, scratch) = scratch.split_at_mut(pixels);
+        let image = &mut scratch[..pixels];
         let (shared, own) = (noise.shared as f32 / self.area(), noise.own as f32);
         residual.copy_from_slice(jacobian);
         direction.copy_from_slice(jacobian);
-        weights.fill([0.0; 4]);
-        let mut square = dot(residual, residual);
+        image.fill([0.0; 4]);
+        for (used, jacobian) in used.iter_mut().zip(jacobian) {
+            *used = [f32::from(u8::from(*jacobian != [0.0; 4])); 4];
+        }
+        let mut square = jacobian.iter().fold([0.0; 4], |sum, j| lanes(|i| sum[i] + j[i] * j[i]));
         for _ in 0..STEPS {
-            image.copy_from_slice(direction);
-            self.gather(image);
-            self.scatter(image);
-            for ((image, direction), jacobian) in image.iter_mut().zip(&*direction).zip(jacobian) {
-                let used = f32::from(u8::from(*jacobian != [0.0; 4]));
-                *image = lanes(|i| used * (shared * image[i] + own * direction[i]));
+            self.correlate(direction, image, between);
+            let mut curvature = [0.0; 4];
+            for ((image, direction), used) in image.iter_mut().zip(&*direction).zip(&*used) {
+                *image = lanes(|i| used[i] * (shared * image[i] + own * direction[i]));
+                curvature = lanes(|i| curvature[i] + image[i] * direction[i]);
             }
-            let step = quotient(&square, &dot(direction, image));
+            let step = quotient(&square, &curvature);
+            let mut next = [0.0; 4];
             for ((weight, residual), (direction, image)) in weights.iter_mut().zip(residual.iter_mut()).zip(direction.iter().zip(&*image)) {
                 *weight = lanes(|i| weight[i] + step[i] * direction[i]);
                 *residual = lanes(|i| residual[i] - step[i] * image[i]);
+                next = lanes(|i| next[i] + residual[i] * residual[i]);
             }
-            let next = dot(residual, residual);
             let turn = quotient(&next, &square);
             for (direction, residual) in direction.iter_mut().zip(&*residual) {
-                *direction = lanes(|i| residual[i] + turn[i] * direction[i]);
+                let before = *direction;
+                *direction = lanes(|i| residual[i] + turn[i] * before[i]);
             }
             square = next;
         }
@@ -158,37 +184,84 @@ impl Grid {
     /// weightsᵀ C weights: the covariance of Σ weights · reading. Overwrites `weights`.
     pub fn covariance(&self, noise: Shares, weights: &mut [Lanes]) -> Products {
         let own = products(weights, weights) * noise.own;
-        self.gather(weights);
+        widest(
+            #[inline(always)]
+            || self.gather(weights),
+        );
         own + products(weights, weights) * (noise.shared / f64::from(self.area()))
     }
 }
 
-#[inline]
-fn add<const N: usize>(sum: &mut [f32; N], value: &[f32; N]) {
-    sum.iter_mut().zip(value).for_each(|(sum, value)| *sum += value);
+/// Fills each cell of `sums` with the sum over the `window` cells of `row` that end there.
+#[inline(always)]
+fn gather_row<const N: usize>(window: usize, row: &[[f32; N]], sums: &mut [[f32; N]]) {
+    let mut sum = [0.0; N];
+    let (first, rest) = sums.split_at_mut(window.min(sums.len()));
+    for (cell, sums) in row.iter().zip(first) {
+        add(&mut sum, cell);
+        *sums = sum;
+    }
+    for ((entering, leaving), sums) in row.iter().skip(window).zip(row).zip(rest) {
+        add(&mut sum, entering);
+        subtract(&mut sum, leaving);
+        *sums = sum;
+    }
 }
 
-#[inline]
-fn subtract<const N: usize>(sum: &mut [f32; N], value: &[f32; N]) {
-    sum.iter_mut().zip(value).for_each(|(sum, value)| *sum -= value);
+/// Fills each cell of `sums` with the sum over the `window` cells of `row` that begin there.
+#[inline(always)]
+fn scatter_row(window: usize, row: &[Lanes], sums: &mut [Lanes]) {
+    let (first, rest) = row.split_at((window - 1).min(row.len()));
+    let mut sum = [0.0; 4];
+    for cell in first {
+        add(&mut sum, cell);
+    }
+    for ((entering, leaving), sums) in rest.iter().zip(row).zip(sums) {
+        add(&mut sum, entering);
+        *sums = sum;
+        subtract(&mut sum, leaving);
+    }
 }
 
-#[inline]
+#[inline(always)]
+fn add(sum: &mut [f32], value: &[f32]) {
+    each(sum, value, |sum, value| sum + value);
+}
+
+#[inline(always)]
+fn subtract(sum: &mut [f32], value: &[f32]) {
+    each(sum, value, |sum, value| sum - value);
+}
+
+/// Replaces each of `sum` by what `of` makes of it and `value`, eight at once.
+#[inline(always)]
+fn each(sum: &mut [f32], value: &[f32], of: impl Fn(f32, f32) -> f32) {
+    let ((sums, sums_left), (values, values_left)) = (sum.as_chunks_mut::<8>(), value.as_chunks::<8>());
+    for (sum, value) in sums.iter_mut().zip(values) {
+        let before = *sum;
+        *sum = core::array::from_fn(|i| of(before[i], value[i]));
+    }
+    for (sum, value) in sums_left.iter_mut().zip(values_left) {
+        *sum = of(*sum, *value);
+    }
+}
+
+#[inline(always)]
 fn lanes(of: impl FnMut(usize) -> f32) -> Lanes {
     core::array::from_fn(of)
 }
 
-fn dot(a: &[Lanes], b: &[Lanes]) -> Lanes {
-    a.iter().zip(b).fold([0.0; 4], |sum, (a, b)| lanes(|i| sum[i] + a[i] * b[i]))
-}
-
+#[inline(always)]
 fn quotient(a: &Lanes, b: &Lanes) -> Lanes {
     lanes(|i| if b[i] > 0.0 { a[i] / b[i] } else { 0.0 })
 }
 
 /// Σ a bᵀ.
 pub fn products(a: &[Lanes], b: &[Lanes]) -> Products {
-    let sum = a.iter().zip(b).fold([[0.0_f32; 4]; 4], |sum, (a, b)| core::array::from_fn(|i| lanes(|j| sum[i][j] + a[i] * b[j])));
+    let sum = widest(
+        #[inline(always)]
+        || a.iter().zip(b).fold([[0.0_f32; 4]; 4], |sum, (a, b)| core::array::from_fn(|i| lanes(|j| sum[i][j] + a[i] * b[j]))),
+    );
     Products::from_fn(|i, j| f64::from(sum[i][j]))
 }
 
@@ -236,7 +309,7 @@ mod tests {
             let got = grid.covariance(noise, &mut jacobian.clone());
             assert!((got - expected).abs().max() < 1e-4 * expected.max(), "{got} {expected}");
 
-            let (mut weights, mut scratch) = (std::vec![[0.0; 4]; jacobian.len()], std::vec![[0.0; 4]; 3 * jacobian.len()]);
+            let (mut weights, mut scratch) = (std::vec![[0.0; 4]; jacobian.len()], std::vec![[0.0; 4]; 5 * jacobian.len()]);
             grid.whiten(noise, &jacobian, &mut weights, &mut scratch);
             let best = (j.transpose() * c.try_inverse().unwrap() * j).diagonal();
             let response = products(&weights, &jacobian);

@@ -135,6 +135,11 @@ impl Reasoning {
         })
     }
 
+    /// Objects that are tracked.
+    pub fn tracks(&self) -> usize {
+        self.tracks.len()
+    }
+
     /// Positions that found no track because all were taken.
     pub fn homeless(&self) -> u64 {
         self.homeless
