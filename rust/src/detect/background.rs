@@ -2,7 +2,7 @@
 //!
 //! Each pixel has a limit, the first key that is background, and the key of what it is taken to show, which the limit keeps its distance from.
 
-use super::foreground::{Coding, NO_KEY, Sample};
+use super::foreground::{Coding, Sample, first_key_beyond, key_at};
 use super::noise::Noise;
 
 /// Frames in which each pixel is looked at once for change: 2 s at 30 Hz.
@@ -41,7 +41,7 @@ pub fn limit<S: Sample>(coding: &Coding, frames: u32, limits: &mut [u16], shown:
 
 /// Puts a known surface at depth `z` (m) in; where something nearer was learned, that stays.
 pub fn know<S: Sample>(coding: &Coding, z: f64, limit: &mut u16, shown: &mut u16) {
-    let key = first_key(|key| S::depth_of_key(key, coding).is_none_or(|depth| depth >= z));
+    let key = key_at::<S>(z, coding);
     if let Some(margin) = margin::<S>(key, coding, SURVEY_SD)
         && key.saturating_sub(margin) < *limit
     {
@@ -85,21 +85,6 @@ pub fn follow<S: Sample>(
 fn margin<S: Sample>(key: u16, coding: &Coding, sd: f64) -> Option<u16> {
     let z = S::depth_of_key(key, coding)?;
     Some(libm::ceil(SIGMAS * libm::hypot(Noise::default().axial(z), sd) / S::step(z, coding)) as u16)
-}
-
-/// The first key that is farther than the camera's `max_depth`, or no depth at all.
-fn first_key_beyond<S: Sample>(coding: &Coding) -> u16 {
-    first_key(|key| S::depth_of_key(key, coding).is_none())
-}
-
-/// The first key from which on `is` holds.
-fn first_key(is: impl Fn(u16) -> bool) -> u16 {
-    let (mut low, mut high) = (0, NO_KEY);
-    while low < high {
-        let mid = low + (high - low) / 2;
-        if is(mid) { high = mid } else { low = mid + 1 }
-    }
-    low
 }
 
 #[cfg(test)]

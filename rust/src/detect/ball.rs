@@ -4,7 +4,7 @@
 //! neighbours share, weights as if it were independent would lose half of what its slope tells.
 
 use super::equations::{Equations, Normal};
-use super::foreground::{Frame, Sample};
+use super::foreground::{Frame, Sample, key_at};
 use super::noise::{Factors, Noise, Shares};
 use super::patch::{Patch, Surface};
 use super::window::{CELLS, Lanes, moments, products};
@@ -103,11 +103,11 @@ impl<S: Sample> View<'_, S> {
         0.5 * radius
     }
 
-    /// Whether a pixel can't tell where the ball's edge is: outside of the image, or what is behind or before the ball comes too near.
-    fn blind(&self, column: f64, row: f64, surface: f64, margins: [f64; 2]) -> bool {
+    /// Whether a pixel can't tell where the ball's edge is: outside of the image, or what is behind or before the ball, at these keys, comes
+    /// too near.
+    fn blind(&self, column: f64, row: f64, [before, behind]: [u16; 2]) -> bool {
         let inside = column >= 0.0 && row >= 0.0 && column < self.camera.width as f64 && row < self.camera.height as f64;
-        let index = row as usize * self.camera.width + column as usize;
-        !inside || self.frame.limit(index) < surface + margins[1] || self.frame.reading(index).is_some_and(|z| z < surface - margins[0])
+        !inside || self.frame.hides(row as usize * self.camera.width + column as usize, before, behind)
     }
 
     /// Compares the image with a guess, of which `surface` was drawn: fills the cap's jacobian and residual, and the outline's jacobian (in
@@ -128,6 +128,7 @@ impl<S: Sample> View<'_, S> {
         let (edge, outer) = ((self.radius - shortfall) as f32, (self.radius - shortfall + BAND / scale) as f32);
         let [inner, well_inside] = [BAND, 1.0].map(|pixels| (edge - (pixels / scale) as f32).max(0.0));
         let slope = (scale / (2.0 * BAND)) as f32;
+        let keys = [center.z - f64::from(near), center.z + 2.0 * axial].map(|z| key_at::<S>(z, &self.frame.coding));
         let (column, row) = camera.project(&center).unwrap_or_default();
         let mut evidence = Evidence::default();
         cap.fill([0.0; 4]);
@@ -172,9 +173,8 @@ impl<S: Sample> View<'_, S> {
                 let (dx, dy) = (pixel_x as f64 - column, pixel_y as f64 - row);
                 let length = sqrt(dx * dx + dy * dy).max(1e-9);
                 let (right, down) = (dx / length, dy / length);
-                let margins = [f64::from(near), 2.0 * axial];
                 let mirror = [pixel_x as f64 + 2.0 * inside * right, pixel_y as f64 + 2.0 * inside * down].map(round);
-                if self.blind(pixel_x as f64, pixel_y as f64, center.z, margins) || self.blind(mirror[0], mirror[1], center.z, margins) {
+                if self.blind(pixel_x as f64, pixel_y as f64, keys) || self.blind(mirror[0], mirror[1], keys) {
                     continue;
                 }
                 let residual = f32::from(u8::from(shows)) - (0.5 + inside / (2.0 * BAND)) as f32;
@@ -210,11 +210,11 @@ impl<S: Sample> View<'_, S> {
 
             let (axial, step) = (self.noise.axial(center.z), S::step(center.z, &self.frame.coding));
             let shares = self.noise.shares(center.z, step);
-            patch.grid.whiten(shares, cap, weights, scratch);
+            let whitened = patch.grid.whiten(shares, cap, weights, scratch);
             let cap_equations = Equations {
-                response: products(weights, cap).fixed_columns::<3>(0).into_owned(),
+                response: whitened.response.fixed_columns::<3>(0).into_owned(),
                 moments: moments(weights, residuals),
-                covariance: patch.grid.covariance(shares, weights) * (axial * axial),
+                covariance: whitened.covariance * (axial * axial),
             };
             let sd = self.noise.lateral() / (2.0 * BAND);
             let outline = Equations {

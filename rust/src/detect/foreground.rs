@@ -98,6 +98,26 @@ impl Sample for f32 {
     }
 }
 
+/// The first key that shows depth `z` (m) or more.
+pub fn key_at<S: Sample>(z: f64, coding: &Coding) -> u16 {
+    first_key(|key| S::depth_of_key(key, coding).is_none_or(|depth| depth >= z))
+}
+
+/// The first key that is farther than the camera's `max_depth`, or no depth at all.
+pub fn first_key_beyond<S: Sample>(coding: &Coding) -> u16 {
+    first_key(|key| S::depth_of_key(key, coding).is_none())
+}
+
+/// The first key from which on `is` holds.
+fn first_key(is: impl Fn(u16) -> bool) -> u16 {
+    let (mut low, mut high) = (0, NO_KEY);
+    while low < high {
+        let mid = low + (high - low) / 2;
+        if is(mid) { high = mid } else { low = mid + 1 }
+    }
+    low
+}
+
 /// One image, read pixel by pixel. What lies at or beyond its limit is background.
 pub struct Frame<'f, S> {
     /// The samples that are at hand, row by row.
@@ -133,18 +153,25 @@ impl<S: Sample> Frame<'_, S> {
         (sample.key(&self.coding) < limit).then(|| sample.depth(&self.coding, self.depths)).filter(|z| *z > 0.0)
     }
 
-    /// Depth of whatever pixel `index` shows, m.
+    /// Whether pixel `index` shows something before the key `before`, or something that begins before the key `behind` would be background there.
     #[inline]
-    pub fn reading(&self, index: usize) -> Option<f64> {
-        let sample = self.sample(index)?;
-        (sample.key(&self.coding) != NO_KEY).then(|| sample.depth(&self.coding, self.depths)).filter(|z| *z > 0.0)
+    pub fn hides(&self, index: usize, before: u16, behind: u16) -> bool {
+        self.is_missing(index)
+            || self.limits.get(index).is_some_and(|limit| *limit < behind)
+            || self.sample(index).is_some_and(|sample| sample.key(&self.coding) < before)
+    }
+
+    #[inline]
+    fn is_missing(&self, index: usize) -> bool {
+        !self.missing.is_empty()
+            && self.missing.get(self.missing.partition_point(|hole| hole.end <= index)).is_some_and(|hole| hole.start <= index)
     }
 
     /// Depth from which on pixel `index` counts as background, m; infinite where there was none, 0 where the sample is missing: it shows
     /// nothing, whatever is there.
     #[inline]
     pub fn limit(&self, index: usize) -> f64 {
-        if self.missing.get(self.missing.partition_point(|hole| hole.end <= index)).is_some_and(|hole| hole.start <= index) {
+        if self.is_missing(index) {
             return 0.0;
         }
         self.limits.get(index).and_then(|limit| S::depth_of_key(*limit, &self.coding)).unwrap_or(f64::INFINITY)

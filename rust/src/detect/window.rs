@@ -6,6 +6,7 @@
 #![allow(clippy::inline_always)] // So that loops are compiled for the registers of `widest`.
 
 use super::noise::Shares;
+use crate::math::symmetric;
 use crate::simd::widest;
 use nalgebra::{SMatrix, SVector};
 
@@ -25,6 +26,14 @@ const WIDTH: usize = PATCH + WINDOW - 1;
 
 /// Steps of conjugate gradients: with four, centers are within a few percent of the best.
 const STEPS: usize = 4;
+
+/// What weights make of jacobian and noise.
+pub struct Whitened {
+    /// Σ weights · jacobianᵀ.
+    pub response: Products,
+    /// Covariance of Σ weights · reading, in units of the readings' variance.
+    pub covariance: Products,
+}
 
 /// The pixels of a patch, row by row, padded to the right and downwards by the window less one, so that sums over windows fit.
 #[derive(Clone, Copy, Debug)]
@@ -131,16 +140,19 @@ impl Grid {
 
     /// Solves C · weights = `jacobian` for each lane, nearly: any weights give an unbiased estimate, these nearly the best there is. Only
     /// pixels that `jacobian` has anything of take part. `scratch` is five times as long.
-    pub fn whiten(&self, noise: Shares, jacobian: &[Lanes], weights: &mut [Lanes], scratch: &mut [Lanes]) {
-        widest(
+    pub fn whiten(&self, noise: Shares, jacobian: &[Lanes], weights: &mut [Lanes], scratch: &mut [Lanes]) -> Whitened {
+        let residual = widest(
             #[inline(always)]
             || self.solve(noise, jacobian, weights, scratch),
         );
+        // C · weights is `jacobian` less what the solver left.
+        let response = products(weights, jacobian);
+        Whitened { response, covariance: symmetric(&(response - products(weights, residual))) }
     }
 
-    /// Conjugate gradients.
+    /// Conjugate gradients; what they leave of `jacobian`.
     #[inline(always)]
-    fn solve(&self, noise: Shares, jacobian: &[Lanes], weights: &mut [Lanes], scratch: &mut [Lanes]) {
+    fn solve<'s>(&self, noise: Shares, jacobian: &[Lanes], weights: &mut [Lanes], scratch: &'s mut [Lanes]) -> &'s [Lanes] {
         weights.fill([0.0; 4]);
         let (between, scratch) = scratch.split_at_mut(self.cells());
         // The rows of padding stay 0.
@@ -179,6 +191,7 @@ impl Grid {
             }
             square = next;
         }
+        residual
     }
 
     /// weightsᵀ C weights: the covariance of Σ weights · reading. Overwrites `weights`.
@@ -310,10 +323,12 @@ mod tests {
             assert!((got - expected).abs().max() < 1e-4 * expected.max(), "{got} {expected}");
 
             let (mut weights, mut scratch) = (std::vec![[0.0; 4]; jacobian.len()], std::vec![[0.0; 4]; 5 * jacobian.len()]);
-            grid.whiten(noise, &jacobian, &mut weights, &mut scratch);
+            let whitened = grid.whiten(noise, &jacobian, &mut weights, &mut scratch);
             let best = (j.transpose() * c.try_inverse().unwrap() * j).diagonal();
             let response = products(&weights, &jacobian);
             let variance = grid.covariance(noise, &mut weights);
+            assert!((whitened.response - response).abs().max() < 1e-4 * response.max());
+            assert!((whitened.covariance - variance).abs().max() < 1e-3 * variance.max(), "{} {variance}", whitened.covariance);
             for lane in 0..4 {
                 // Variance of the estimate: that of the sum over the square of the response.
                 let efficiency = response[(lane, lane)] * response[(lane, lane)] / variance[(lane, lane)] / best[lane];
