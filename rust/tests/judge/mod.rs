@@ -2,6 +2,7 @@
 #![allow(dead_code)] // Each test and bench uses what it needs.
 
 pub mod identity;
+pub mod robustness;
 
 use physinc::config::{Config, Method};
 use physinc::engine::Engine;
@@ -105,7 +106,11 @@ impl Score {
     pub fn add(&mut self, scene: &str, method: Method) {
         let scene = Scene::parse(scene).expect(scene);
         let (events, pose) = run(&scene, &config(&scene, method));
-        let truth = scene.truth();
+        self.judge(&events, scene.truth(), &pose);
+    }
+
+    /// Adds what was told of a scene.
+    pub fn judge(&mut self, events: &[Event], truth: &Truth, pose: &Pose) {
         let contacts = finals!(events, Contact);
         self.tracks += finals!(events, TrackStarted).len();
         self.alarms += finals!(events, Inconsistency).len();
@@ -117,10 +122,10 @@ impl Score {
             self.countable += 1;
             let gap = |c: &Contact| (t.time_ns - c.time_ns).abs();
             if let Some((_, c)) = contacts.iter().filter(|(_, c)| gap(c) < MATCH_NS).min_by_key(|(_, c)| gap(c)) {
-                self.compare(c, t, &pose);
+                self.compare(c, t, pose);
             }
         }
-        self.compare_surfaces(&events, truth, &pose);
+        self.compare_surfaces(events, truth, pose);
         if let Some((_, o)) = finals!(events, CameraOrientation).last() {
             self.gravity.push(angle_deg(&Vec3::from(o.gravity_in_camera), &Vec3::from(truth.gravity_in_camera)));
         }
