@@ -601,6 +601,9 @@ class Stream:
     def busy(self) -> float:
         """How long the engine worked up to the last event, s."""
     @property
+    def remarks(self) -> list[str]:
+        """What the user should know of the source, once the stream is over, a line each."""
+    @property
     def tracks(self) -> dict[int, Track]:
         """The live tracks by number, as of the last event."""
 
@@ -821,6 +824,9 @@ class Recording:
         """How many frames there are now, and the newest one's stamp, ns."""
     def __enter__(self) -> Self: ...
     def __exit__(self, *exception: object) -> None: ...
+    @property
+    def remarks(self) -> list[str]:
+        """What the user should know of the source so far, a line each."""
     def close(self) -> None:
         """Completes what was recorded; no more frames."""
 

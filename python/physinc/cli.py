@@ -61,6 +61,8 @@ def run(
     ----------
     source
         demo: a recording inside the package. FILE.npz: depth frames (timestamps_ns [N] int64, and depth_mm or disparity [N,H,W] uint16).
+        FILE.pcapng or .pcap, also .gz or .zst: a usbmon capture of a Kinect; "FILE.pcapng?lose=0.05&seed=3" with faults on purpose
+        (probabilities of a packet: lose, empty, short, double, foreign, late, flip, silence; burst=10, the mean length of losses).
         A folder with INDEX.txt (fakenect) or depth.txt (TUM RGB-D): depth frames, one a file.
         FILE.csv, or - for stdin: positions, with the header t,x,y,z (s, m, z up) and optionally track, xx,xy,xz,yy,yz,zz.
         Left out: a live Kinect, which this version can't read yet.
@@ -112,16 +114,25 @@ def run(
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
     signal.signal(signal.SIGINT, interrupt)
-    if json:
-        for event in stream:
-            sys.stdout.write(event.to_json() + "\n")
-            sys.stdout.flush()
-    else:
-        narration = Narration()
-        for event in stream:
-            narration.tell(event)
-        narration.close(stream.busy)
+    try:
+        if json:
+            for event in stream:
+                sys.stdout.write(event.to_json() + "\n")
+                sys.stdout.flush()
+        else:
+            narration = Narration()
+            for event in stream:
+                narration.tell(event)
+            narration.close(stream.busy)
+    finally:
+        remark(source, stream.remarks)
     return 130 if interrupted else 0
+
+
+def remark(source: str, remarks: list[str]) -> None:
+    """Tell on stderr what the user should know of a source."""
+    for line in remarks:
+        sys.stderr.write(f"physinc: {source}: {line}\n")
 
 
 @app.command
@@ -134,7 +145,7 @@ def record(
     every_frame: Annotated[bool, Flag] = False,
     tum: Annotated[bool, Flag] = False,
 ) -> int:
-    """Record the depth frames of SOURCE in OUT, with the camera in camera.toml, so that `physinc run OUT` tells the same.
+    """Record SOURCE in OUT, with the camera in camera.toml, so that `physinc run OUT` tells the same.
 
     Parameters
     ----------
@@ -142,7 +153,9 @@ def record(
         Any source of depth frames, as for run.
     out
         FILE.npz (disparity as it is, depth in whole mm), or else a folder in fakenect's layout: stamps become ticks of 60 MHz, at most
-        8 ns away. Nothing is overwritten. A folder is readable up to its last frame even if the recording is killed.
+        8 ns away. Of a source of packets also FILE.pcapng, FILE.pcapng.gz or FILE.pcapng.zst: the packets themselves; elsewhere lost
+        samples read as 2047. Nothing is overwritten. A folder is readable up to its last frame even if the recording is killed, a
+        capture up to its last second.
     frames
         Stop after so many frames.
     every_frame
@@ -159,6 +172,8 @@ def record(
     ):
         for count, timestamp_ns in recording:
             progress.tell(count, timestamp_ns)
+        remarks = recording.remarks
+    remark(source, remarks)
     return 0
 
 

@@ -40,7 +40,8 @@ def stream(
 ) -> Stream:
     """Iterate over what happens in `source`.
 
-    `source` is `"demo"`, the path of an `*.npz` (depth frames), of a folder with `INDEX.txt` (fakenect) or `depth.txt` (TUM RGB-D), or of a
+    `source` is `"demo"`, the path of an `*.npz` (depth frames), of a `*.pcapng` or `*.pcap` (a usbmon capture of a Kinect, also `.gz` or
+    `.zst`), of a folder with `INDEX.txt` (fakenect) or `depth.txt` (TUM RGB-D), or of a
     `*.csv` (positions), `"-"` (a CSV on stdin), or an iterable of `(timestamp_ns, depth)` or `Position`.
     Left out it is a live Kinect, which this version can't read yet.
 

@@ -8,7 +8,7 @@ use crate::geometry::camera::{Camera, DepthCode, Pose};
 use crate::kinect::disparity::{HEIGHT, Packing, WIDTH};
 use crate::kinect::packet::FRAMES_PER_SECOND;
 use crate::reasoning::{Predictor, Reasoning};
-use crate::seeing::{Buffers, Image, SeeError, Seeing, Slice};
+use crate::seeing::{Buffers, Image, Scope, SeeError, Seeing, Slice};
 use crate::stream::assembler::Assembler;
 use crate::stream::frame;
 use crate::time::{after, seconds_between};
@@ -52,9 +52,7 @@ impl<'b> Engine<'b> {
     pub fn for_frames(config: &Config, camera: &Camera, buffers: Buffers<'b>) -> Result<Self, ConfigError> {
         config.validate()?;
         let seeing = Seeing::new(camera, &config.object, config.tracking.background_frames, buffers)?;
-        let reasoning = Reasoning::new(config, Some(camera));
-        let timeline = Timeline::default();
-        Ok(Self { assembler: None, untold: 0, seeing: Some(seeing), camera: Some(*camera), reasoning, timeline, inputs: 0 })
+        Ok(Self::with(config, Some(camera), Some(seeing), None))
     }
 
     /// For the packets of a Kinect's depth endpoint, whose frames are packed as `packing` and seen by `camera`: in `buffers` as of
@@ -81,7 +79,9 @@ impl<'b> Engine<'b> {
             value: error.needed as f64,
             expected: "a buffer of so many bytes for the packed frame",
         })?;
-        Ok(Self { assembler: Some(assembler), ..Self::for_frames(config, camera, buffers)? })
+        config.validate()?;
+        let seeing = Seeing::new(camera, &config.object, config.tracking.background_frames, buffers)?;
+        Ok(Self::with(config, Some(camera), Some(seeing), Some(assembler)))
     }
 
     /// For positions by any tracker.
@@ -90,8 +90,21 @@ impl<'b> Engine<'b> {
     /// A value of the configuration that can't be.
     pub fn for_positions(config: &Config) -> Result<Self, ConfigError> {
         config.validate()?;
-        let reasoning = Reasoning::new(config, None);
-        Ok(Self { assembler: None, untold: 0, seeing: None, camera: None, reasoning, timeline: Timeline::default(), inputs: 0 })
+        Ok(Self::with(config, None, None, None))
+    }
+
+    /// In one place and inlined: an engine is large, and each call that hands it on may copy it.
+    #[inline]
+    fn with(config: &Config, camera: Option<&Camera>, seeing: Option<Seeing<'b>>, assembler: Option<Assembler<Slice<'b, u8>>>) -> Self {
+        Self {
+            assembler,
+            untold: 0,
+            seeing,
+            camera: camera.copied(),
+            reasoning: Reasoning::new(config, camera),
+            timeline: Timeline::default(),
+            inputs: 0,
+        }
     }
 
     /// The pose that fixes the stream's world.
@@ -154,7 +167,7 @@ impl<'b> Engine<'b> {
             gaps[1] = Some(packets_lost(before, timestamp_ns, core::mem::take(&mut self.untold), loss.missing));
         }
         let mut detections: Vec<Detection, 16> = Vec::new();
-        seeing.see_holed(image, loss.missing, &mut detections)?;
+        seeing.see_in(image, Scope { missing: loss.missing, bands: &[] }, &mut detections)?;
         let pose = self.reasoning.world_from_camera();
         let readout = camera.readout / (camera.height as f64 - 1.0);
         let measured: Vec<Measurement, 16> = detections

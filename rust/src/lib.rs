@@ -2,14 +2,15 @@
 //! where measurement and prediction disagree it says why. After "Exploiting Physical Inconsistencies for 3D Scene Understanding".
 //!
 //! ```text
-//! depth frames ─ detect ─ (seeing) ─┐
-//!                                   ├─ track ─ physics ─ scene ─ (reasoning) ─ events
-//! positions by any tracker ─────────┘
-//!                  (engine: both)        source ─ run ─ python: where frames come from, where events go
+//! a Kinect's packets ─ kinect ─ stream ─┐
+//! depth frames ─────────────────────────┴─ detect ─ (seeing) ─┐
+//!                                                             ├─ track ─ physics ─ scene ─ (reasoning) ─ events
+//! positions by any tracker ───────────────────────────────────┘
+//!            (engine: all of it)        capture, source ─ run ─ python: where input comes from, where events go
 //! ```
 //!
-//! [`seeing::Seeing`] turns frames into positions, [`reasoning::Reasoning`] positions into [`event::Event`]s, [`engine::Engine`] does
-//! both. They are handed their input with its time and hand events to a sink: they open nothing, read no clock and allocate nothing, so
+//! [`stream::assembler::Assembler`] turns packets into frames, [`seeing::Seeing`] frames into positions, [`reasoning::Reasoning`] positions
+//! into [`event::Event`]s, [`engine::Engine`] does it all. They are handed their input with its time and hand events to a sink: they open nothing, read no clock and allocate nothing, so
 //! the same input gives the same events to the last bit. A layer uses only those on its left.
 //!
 //! ```
@@ -65,6 +66,7 @@ pub mod scene;
 pub mod seeing;
 #[cfg(feature = "sim")]
 pub mod sim;
+pub mod simd;
 #[cfg(feature = "std")]
 pub mod source;
 pub mod stream;

@@ -2,18 +2,38 @@
 
 use crate::config::ObjectConfig;
 use crate::detect::ball::{Found, PATCH, View};
-use crate::detect::components::{Component, Run, connect};
+use crate::detect::components::{Cluttered, Component, Marks, Run, connect};
 use crate::detect::foreground::{self, Coding, Frame, Sample};
 use crate::detect::noise::{Factors, Noise};
 use crate::detect::{Blob, Detection};
 use crate::error::ConfigError;
 use crate::geometry::camera::{Camera, DepthCode};
 use crate::kinect::disparity::{HEIGHT, Packing, WIDTH};
+use crate::simd::widest;
+use core::cell::Cell;
 use core::ops::{Deref, DerefMut, Range};
 use heapless::Vec;
 
 /// Smallest component that is looked at, px: below it, depth says too little of a ball.
 const FEWEST_PIXELS: u32 = 20;
+
+/// Rows of an image in which to look for balls.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Band {
+    /// The rows.
+    pub rows: Range<usize>,
+    /// How many whole balls there are to be found.
+    pub balls: usize,
+}
+
+/// What is known of a frame before it is seen.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Scope<'s> {
+    /// Samples that are missing: ascending ranges, row by row. They show nothing, and say nothing of a ball's silhouette.
+    pub missing: &'s [Range<usize>],
+    /// Where balls are expected: ascending, apart from each other. None is the whole image.
+    pub bands: &'s [Band],
+}
 
 /// One depth image, row by row.
 #[derive(Clone, Copy, Debug)]
@@ -112,6 +132,8 @@ pub struct Sizes {
     pub samples: usize,
     /// Of `depths`.
     pub depths: usize,
+    /// Of `marks`.
+    pub rows: usize,
     /// Of `runs`; more of them, and more clutter is borne.
     pub runs: usize,
     /// Of `scores` and of `cap`.
@@ -128,6 +150,8 @@ pub struct Buffers<'b> {
     pub samples: Slice<'b, u16>,
     /// Depth of each disparity.
     pub depths: Slice<'b, f32>,
+    /// For each row, where it shows foreground.
+    pub marks: Slice<'b, Marks>,
     /// Runs of foreground.
     pub runs: Slice<'b, Run>,
     /// One ball's pixels.
@@ -141,7 +165,7 @@ impl Buffers<'_> {
     pub const fn required(width: usize, height: usize) -> Sizes {
         let patch = PATCH + 16;
         let samples = if width == WIDTH && height == HEIGHT { WIDTH * HEIGHT } else { 0 };
-        Sizes { pixels: width * height, samples, depths: 2048, runs: width * height / 16 + 64, scores: patch * patch }
+        Sizes { pixels: width * height, samples, depths: 2048, rows: height, runs: width * height / 16 + 64, scores: patch * patch }
     }
 }
 
@@ -155,6 +179,7 @@ impl Buffers<'static> {
             farthest: Slice::Owned(std::vec![0; sizes.pixels]),
             samples: Slice::Owned(std::vec![0; sizes.samples]),
             depths: Slice::Owned(std::vec![0.0; sizes.depths]),
+            marks: Slice::Owned(std::vec![Marks::default(); sizes.rows]),
             runs: Slice::Owned(std::vec![Run::default(); sizes.runs]),
             scores: Slice::Owned(std::vec![[0.0; 5]; sizes.scores]),
             cap: Slice::Owned(std::vec![0.0; sizes.scores]),
@@ -194,6 +219,7 @@ impl<'b> Seeing<'b> {
             && buffers.farthest.len() >= sizes.pixels
             && buffers.samples.len() >= sizes.samples
             && buffers.depths.len() >= sizes.depths
+            && buffers.marks.len() >= sizes.rows
             && buffers.runs.len() >= sizes.runs
             && buffers.scores.len() >= sizes.scores
             && buffers.cap.len() >= sizes.scores;
@@ -257,76 +283,168 @@ impl<'b> Seeing<'b> {
     /// # Errors
     /// The image is not the camera's. Nothing has changed then.
     pub fn see(&mut self, image: Image<'_>, detections: &mut Vec<Detection, 16>) -> Result<(), SeeError> {
-        self.see_holed(image, &[], detections)
+        self.see_in(image, Scope::default(), detections).map(|_| ())
     }
 
-    /// Finds the balls of a frame some of whose samples are `missing`: ascending ranges, row by row. They show nothing, and say nothing of a
-    /// ball's silhouette.
+    /// Finds the balls that lie wholly in the bands of `scope`, just as they would be found in the whole image. Where a band does not show as many
+    /// whole balls as it should, or there is none, the whole image is searched: then it returns true.
     ///
     /// # Errors
     /// As of [`Seeing::see`].
-    pub fn see_holed(&mut self, image: Image<'_>, missing: &[Range<usize>], detections: &mut Vec<Detection, 16>) -> Result<(), SeeError> {
+    pub fn see_in(&mut self, image: Image<'_>, scope: Scope<'_>, detections: &mut Vec<Detection, 16>) -> Result<bool, SeeError> {
         detections.clear();
         self.check(image)?;
         self.floating = Some(matches!(image, Image::F32(_)));
-        match image {
-            Image::U16(samples) => self.see_samples(samples, missing, detections),
-            Image::F32(samples) => self.see_samples(samples, missing, detections),
+        let width = self.camera.width;
+        Ok(match image {
+            Image::U16(samples) => self.see_source(Plain { samples, width }, scope, detections),
+            Image::F32(samples) => self.see_source(Plain { samples, width }, scope, detections),
             Image::Packed { packed, packing } => {
-                let mut buffer = core::mem::replace(&mut self.buffers.samples, Slice::Borrowed(&mut []));
-                if let Some(samples) = buffer.get_mut(..WIDTH * HEIGHT) {
-                    // Its size was checked.
-                    let _ = packing.unpack(packed, samples);
-                    self.see_samples(samples, missing, detections);
-                }
-                self.buffers.samples = buffer;
+                let mut samples = core::mem::replace(&mut self.buffers.samples, Slice::Borrowed(&mut []));
+                let whole = samples
+                    .get_mut(..WIDTH * HEIGHT)
+                    .is_none_or(|samples| self.see_source(Packed { bytes: packed, packing, samples }, scope, detections));
+                self.buffers.samples = samples;
+                whole
             }
-        }
-        Ok(())
+        })
     }
 
-    fn see_samples<S: Sample>(&mut self, samples: &[S], missing: &[Range<usize>], detections: &mut Vec<Detection, 16>) {
-        let Buffers { limits, farthest, depths, runs, scores, cap, .. } = &mut self.buffers;
-        let pixels = samples.len();
-        let (Some(limits), Some(farthest)) = (limits.get_mut(..pixels), farthest.get_mut(..pixels)) else { return };
+    fn see_source<S: Sample>(&mut self, mut source: impl Source<S>, scope: Scope<'_>, detections: &mut Vec<Detection, 16>) -> bool {
+        if self.learns(&mut source) {
+            return true;
+        }
+        let mut found = Vec::new();
+        let narrow = !scope.bands.is_empty()
+            && scope.bands.iter().all(|band| {
+                let before = found.len();
+                let complete = self.search(&mut source, &band.rows, scope.missing, &mut found) == Ok(true);
+                let whole = found.iter().skip(before).filter(|ball| ball.detection.blob == Blob::Whole).count();
+                complete && whole >= band.balls
+            });
+        if !narrow {
+            found.clear();
+            self.cluttered += u64::from(self.search(&mut source, &(0..self.camera.height), scope.missing, &mut found).is_err());
+        }
+        for ball in found {
+            if ball.detection.blob == Blob::Whole {
+                self.factors.cap.learn(ball.cap_ratio);
+                self.factors.outline.learn(ball.outline_ratio);
+            }
+            let _ = detections.push(ball.detection);
+        }
+        !narrow
+    }
+
+    /// Learns the background of a frame; false where it is known.
+    fn learns<S: Sample>(&mut self, source: &mut impl Source<S>) -> bool {
+        let pixels = self.camera.width * self.camera.height;
+        let Buffers { limits, farthest, .. } = &mut self.buffers;
+        let (Some(limits), Some(farthest)) = (limits.get_mut(..pixels), farthest.get_mut(..pixels)) else { return true };
         if self.seen == 0 {
             limits.fill(0);
             farthest.fill(0);
         }
         let learning = self.seen < self.background_frames;
         if learning {
-            foreground::learn(samples, &self.coding, limits, farthest);
+            (0..self.camera.height).for_each(|row| _ = source.row(row));
+            foreground::learn(source.samples(), &self.coding, limits, farthest);
         }
         if self.seen == self.background_frames {
             foreground::limit::<S>(&self.coding, self.background_frames, limits, farthest);
         }
         self.seen = self.seen.saturating_add(1).min(self.background_frames + 1);
-        if learning {
-            return;
-        }
-        let frame = Frame { samples, limits, depths, coding: self.coding, missing };
+        learning
+    }
+
+    /// Searches `rows` for balls that lie wholly in them. False where more rows are needed to see them as they are.
+    fn search<S: Sample>(
+        &mut self,
+        source: &mut impl Source<S>,
+        rows: &Range<usize>,
+        missing: &[Range<usize>],
+        found: &mut Vec<Found, 16>,
+    ) -> Result<bool, Cluttered> {
+        let Buffers { limits, marks, depths, runs, scores, cap, .. } = &mut self.buffers;
+        let Camera { width, height, .. } = self.camera;
+        let Some(marks) = marks.get_mut(rows.clone()) else { return Ok(false) };
+        widest(
+            #[inline(always)]
+            || {
+                for (row, marks) in rows.clone().zip(marks.iter_mut()) {
+                    let limits = limits.get(row * width..(row + 1) * width).unwrap_or_default();
+                    *marks = Marks::of(source.row(row), limits, &self.coding);
+                }
+            },
+        );
+        let (first, end) = (rows.start * width, rows.end * width);
+        let Some(samples) = source.samples().get(first..end) else { return Ok(false) };
+        let frame = Frame { samples, first, asked_beyond: Cell::new(false), limits, depths, coding: self.coding, missing };
         let smallest = self.radii.iter().copied().fold(f64::INFINITY, f64::min);
-        let Ok(count) = connect(&frame, self.camera.width, View::<S>::jump(smallest), self.noise, runs) else {
-            self.cluttered += 1;
-            return;
-        };
-        for (index, run) in runs.iter().take(count).enumerate() {
-            let Some(component) = run.component(index).filter(|c| c.pixels >= FEWEST_PIXELS) else { continue };
+        let count = connect(&frame, width, rows.start, marks, View::<S>::jump(smallest), self.noise, runs)?;
+        // What touches the first or the last row may go on beyond.
+        let inside =
+            |row: u16| (usize::from(row) > rows.start || rows.start == 0) && (usize::from(row) + 1 < rows.end || rows.end == height);
+        let components = runs.iter().take(count).enumerate().filter_map(|(index, run)| run.component(index));
+        for component in components.filter(|c| c.pixels >= FEWEST_PIXELS && c.rows.iter().all(|row| inside(*row))) {
             let view = |radius| View { frame: &frame, camera: &self.camera, noise: self.noise, factors: self.factors, radius };
-            let Some(found) = look(view, &self.radii, component, scores, cap) else { continue };
+            let Some(ball) = look(view, &self.radii, component, scores, cap) else { continue };
             // Two pieces of one ball, on both sides of a hole.
-            let is_known = |known: &Detection| (known.center - found.detection.center).norm() < known.radius;
-            if !missing.is_empty() && detections.iter().any(is_known) {
+            let is_known = |known: &Found| (known.detection.center - ball.detection.center).norm() < known.detection.radius;
+            if !missing.is_empty() && found.iter().any(is_known) {
                 continue;
             }
-            if found.detection.blob == Blob::Whole {
-                self.factors.cap.learn(found.cap_ratio);
-                self.factors.outline.learn(found.outline_ratio);
-            }
-            if detections.push(found.detection).is_err() {
+            if found.push(ball).is_err() {
                 break;
             }
         }
+        Ok(!frame.asked_beyond.get())
+    }
+}
+
+/// An image whose rows can be read one by one.
+trait Source<S> {
+    /// The samples of a row.
+    fn row(&mut self, row: usize) -> &[S];
+    /// The samples of all rows; those that were not read by now may be wrong.
+    fn samples(&self) -> &[S];
+}
+
+struct Plain<'a, S> {
+    samples: &'a [S],
+    width: usize,
+}
+
+impl<S> Source<S> for Plain<'_, S> {
+    #[inline]
+    fn row(&mut self, row: usize) -> &[S] {
+        self.samples.get(row * self.width..(row + 1) * self.width).unwrap_or_default()
+    }
+
+    fn samples(&self) -> &[S] {
+        self.samples
+    }
+}
+
+struct Packed<'a> {
+    bytes: &'a [u8],
+    packing: Packing,
+    samples: &'a mut [u16],
+}
+
+impl Source<u16> for Packed<'_> {
+    #[inline]
+    fn row(&mut self, row: usize) -> &[u16] {
+        let row = row * WIDTH..(row + 1) * WIDTH;
+        match self.packing.unpack_part(self.bytes, self.samples, row.clone()) {
+            Ok(()) => self.samples.get(row).unwrap_or_default(),
+            // Its size was checked.
+            Err(_) => &[],
+        }
+    }
+
+    fn samples(&self) -> &[u16] {
+        self.samples
     }
 }
 

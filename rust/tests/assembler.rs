@@ -98,6 +98,8 @@ fn each_kind_of_loss_is_counted_as_it_is() {
     assert_eq!(outcome(|p| drop(p.remove(at(2, 0)))), (all.clone(), [1, 0, 1]));
     assert_eq!(outcome(|p| drop(p.drain(at(1, 3)..at(1, 200)))), (all.clone(), [197, 0, 1]));
     assert_eq!(outcome(|p| drop(p.drain(at(1, 240)..at(2, 3)))), (vec![0, 2, 3, 4], [5, 0, 1]));
+    // So much over an end that what follows reads as places of the frame before.
+    assert_eq!(outcome(|p| drop(p.drain(at(1, 200)..at(2, 58)))), (vec![0, 2, 3, 4], [100, 0, 1]));
     // More than the sequence can count; whole frames; exactly one round of it.
     assert_eq!(outcome(|p| drop(p.drain(at(1, 50)..at(3, 60)))).1[0], 494);
     assert_eq!(outcome(|p| drop(p.drain(at(1, 0)..at(3, 0)))), (vec![0, 3, 4], [484, 0, 0]));

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::{fs, io};
 
 /// What every module may use.
-const COMMON: &[&str] = &["time", "error", "config", "event", "math"];
+const COMMON: &[&str] = &["time", "error", "config", "event", "math", "simd"];
 
 /// Each other module, and which modules or items it may use beside [`COMMON`] and itself.
 const LAYERS: &[(&str, &[&str])] = &[

@@ -1,4 +1,4 @@
-//! Loss × noise, as a table that must not change unnoticed. `RENEW=1 cargo test --test robustness` writes it anew.
+//! Loss × noise, as a table that must not change unnoticed. `PHYSINC_BLESS=1 cargo test --test robustness` writes it anew.
 
 mod judge;
 
@@ -33,7 +33,7 @@ fn loss_and_noise_cost_what_the_table_says() {
     });
     let table = head + &rows.concat();
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("rust/tests/snapshots/robustness.md");
-    if std::env::var_os("RENEW").is_some() {
+    if std::env::var_os("PHYSINC_BLESS").is_some() {
         std::fs::write(&path, &table).expect("a file");
     }
     assert_eq!(table, std::fs::read_to_string(path).expect("it is there"));

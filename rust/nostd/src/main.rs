@@ -53,12 +53,13 @@ fn sees_a_ball() -> Option<bool> {
     let camera = Camera::from_config(&keys, DepthCode::Depth { units_per_metre: 1000.0 }).ok()?;
     let (mut limits, mut farthest, mut depths) = ([0; SIZES.pixels], [0; SIZES.pixels], [0.0; SIZES.depths]);
     let (mut runs, mut scores) = ([Default::default(); SIZES.runs], [Default::default(); SIZES.scores]);
-    let mut cap = [0.0; SIZES.scores];
+    let (mut marks, mut cap) = ([Default::default(); SIZES.rows], [0.0; SIZES.scores]);
     let buffers = Buffers {
         limits: Slice::Borrowed(&mut limits),
         farthest: Slice::Borrowed(&mut farthest),
         samples: Slice::Borrowed(&mut []),
         depths: Slice::Borrowed(&mut depths),
+        marks: Slice::Borrowed(&mut marks),
         runs: Slice::Borrowed(&mut runs),
         scores: Slice::Borrowed(&mut scores),
         cap: Slice::Borrowed(&mut cap),

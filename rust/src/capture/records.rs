@@ -232,7 +232,7 @@ impl<R: Read> Records<R> {
         let (interface, stamp, start, captured) = match kind {
             // Enhanced, simple, and the obsolete one.
             6 => (order.u32(body, 0), Some(stamp(order, body)), 20, order.u32(body, 12)),
-            3 => (0, None, 4, order.u32(body, 0).min(body.len() as u32 - 4)),
+            3 => (0, None, 4, order.u32(body, 0).min((body.len() as u32).saturating_sub(4))),
             2 => (order.u16(body, 0).into(), Some(stamp(order, body)), 20, order.u32(body, 12)),
             _ => return Ok(None),
         };

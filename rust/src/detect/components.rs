@@ -1,11 +1,45 @@
 //! Connected components of the foreground, over runs of pixels in a row: neighbours belong together when their depths may be one ball's.
 
-use super::foreground::{Frame, Sample};
+use super::foreground::{Coding, Frame, Sample};
 use super::noise::Noise;
 use core::ops::Range;
 
 /// Pixels looked at together where most show nothing.
 const CHUNK: usize = 32;
+
+/// The chunks of a row that show foreground, a bit each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Marks(u64);
+
+impl Marks {
+    /// Looks at a row, for [`crate::simd::widest`].
+    #[inline(always)]
+    #[allow(clippy::inline_always)] // So that it is compiled for its caller's registers.
+    pub fn of<S: Sample>(samples: &[S], limits: &[u16], coding: &Coding) -> Self {
+        let (chunks, rest) = samples.as_chunks::<CHUNK>();
+        let (limit_chunks, limit_rest) = limits.as_chunks::<CHUNK>();
+        let shift = Self::shift(samples.len().div_ceil(CHUNK));
+        let whole = chunks.iter().zip(limit_chunks).enumerate();
+        let marks = whole.fold(0, |marks, (i, (samples, limits))| marks | u64::from(any_below(samples, limits, coding)) << (i >> shift));
+        Self(marks | u64::from(any_below(rest, limit_rest, coding)) << (chunks.len() >> shift).min(63))
+    }
+
+    /// Log2 of the chunks to a bit, in a row of so many.
+    fn shift(chunks: usize) -> u32 {
+        chunks.div_ceil(64).next_power_of_two().trailing_zeros()
+    }
+
+    /// The columns of marked chunks, of `width`, from left to right.
+    fn columns(self, width: usize) -> impl Iterator<Item = Range<usize>> {
+        let pixels = CHUNK << Self::shift(width.div_ceil(CHUNK));
+        let mut left = self.0;
+        core::iter::from_fn(move || {
+            let chunk = left.trailing_zeros() as usize;
+            left &= left.checked_sub(1)?;
+            Some(chunk * pixels..((chunk + 1) * pixels).min(width))
+        })
+    }
+}
 
 /// Foreground pixels side by side in one row, without a jump in depth; the first run of a component also carries its sums.
 #[derive(Clone, Copy, Debug, Default)]
@@ -52,41 +86,44 @@ impl Component {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cluttered;
 
-/// Finds the runs of an image of `width` columns and joins them; what differs by less than `jump` (m) plus the noise is one.
-/// Returns how many runs there are, in the order of their rows.
+/// Whether any sample is foreground. Without an early exit: a fixed loop over a chunk becomes a few wide instructions.
+#[inline(always)]
+#[allow(clippy::inline_always)]
+fn any_below<S: Sample>(samples: &[S], limits: &[u16], coding: &Coding) -> bool {
+    samples.iter().zip(limits).fold(0, |below, (sample, limit)| below | limit.saturating_sub(sample.key(coding))) != 0
+}
+
+/// Finds the runs in those rows of an image of `width` columns that begin with row `first` and have these `marks`, and joins them; what differs
+/// by less than `jump` (m) plus the noise is one. Returns how many runs there are, in the order of their rows.
 ///
 /// # Errors
 /// [`Cluttered`] where `runs` are too few.
-pub fn connect<S: Sample>(frame: &Frame<'_, S>, width: usize, jump: f64, noise: Noise, runs: &mut [Run]) -> Result<usize, Cluttered> {
-    let joined = |index: usize, other: usize| {
-        matches!((frame.foreground(index), frame.foreground(other)),
-            (Some(a), Some(b)) if (a - b).abs() < jump + 4.0 * noise.axial(a.min(b)))
-    };
+pub fn connect<S: Sample>(
+    frame: &Frame<'_, S>,
+    width: usize,
+    first_row: usize,
+    marks: &[Marks],
+    jump: f64,
+    noise: Noise,
+    runs: &mut [Run],
+) -> Result<usize, Cluttered> {
+    let one = |a: f64, b: f64| (a - b).abs() < jump + 4.0 * noise.axial(a.min(b));
+    let joined = |index: usize, other: usize| matches!((frame.foreground(index), frame.foreground(other)), (Some(a), Some(b)) if one(a, b));
     let (mut above, mut count) = (0..0, 0);
-    for (row, (samples, limits)) in frame.samples.chunks_exact(width).zip(frame.limits.chunks_exact(width)).enumerate() {
+    for (row, marks) in (first_row..).zip(marks) {
         let first = count;
-        let mut open: Option<(usize, f64)> = None;
-        for (chunk, (samples, limits)) in samples.chunks(CHUNK).zip(limits.chunks(CHUNK)).enumerate() {
-            // No early exit: a fixed loop over a chunk becomes a few wide instructions.
-            if !samples.iter().zip(limits).fold(false, |any, (sample, limit)| any | (sample.key(&frame.coding) < *limit)) {
-                open = None;
-                continue;
-            }
-            for column in chunk * CHUNK..chunk * CHUNK + samples.len() {
-                let Some(z) = frame.foreground(row * width + column) else {
-                    open = None;
-                    continue;
-                };
-                match open {
-                    Some((run, last)) if (z - last).abs() < jump + 4.0 * noise.axial(z.min(last)) => {
-                        runs.get_mut(run).ok_or(Cluttered)?.push(column, row, z);
-                        open = Some((run, z));
-                    }
-                    _ => {
-                        *runs.get_mut(count).ok_or(Cluttered)? = Run::new(count, column, row, z);
-                        open = Some((count, z));
-                        count += 1;
-                    }
+        let mut open: Option<(usize, usize, f64)> = None;
+        for column in marks.columns(width).flatten() {
+            let Some(z) = frame.foreground(row * width + column) else { continue };
+            match open {
+                Some((run, before, last)) if before + 1 == column && one(z, last) => {
+                    runs.get_mut(run).ok_or(Cluttered)?.push(column, row, z);
+                    open = Some((run, column, z));
+                }
+                _ => {
+                    *runs.get_mut(count).ok_or(Cluttered)? = Run::new(count, column, row, z);
+                    open = Some((count, column, z));
+                    count += 1;
                 }
             }
         }

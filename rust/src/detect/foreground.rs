@@ -2,6 +2,7 @@
 
 use super::noise::Noise;
 use crate::geometry::camera::{Camera, DepthCode, NO_DISPARITY};
+use core::cell::Cell;
 use core::ops::Range;
 
 /// The key of a pixel that shows nothing is never below any limit.
@@ -15,7 +16,7 @@ const FLOAT_KEYS: f32 = 60_000.0;
 #[derive(Clone, Copy, Debug)]
 pub struct Coding {
     code: DepthCode,
-    sign: u16,
+    flip: u16,
     offset: u16,
     max_depth: f64,
     metres_per_unit: f64,
@@ -24,12 +25,12 @@ pub struct Coding {
 impl Coding {
     /// The coding of `camera`'s images.
     pub fn new(camera: &Camera) -> Self {
-        let (sign, offset, metres_per_unit) = match camera.code {
-            DepthCode::Depth { units_per_metre } => (1, NO_KEY, 1.0 / units_per_metre),
-            DepthCode::Disparity { law } if law[1] < 0.0 => (1, 0, 0.0),
-            DepthCode::Disparity { .. } => (NO_KEY, NO_DISPARITY - 1, 0.0),
+        let (flip, offset, metres_per_unit) = match camera.code {
+            DepthCode::Depth { units_per_metre } => (0, NO_KEY, 1.0 / units_per_metre),
+            DepthCode::Disparity { law } if law[1] < 0.0 => (0, 0, 0.0),
+            DepthCode::Disparity { .. } => (NO_KEY, NO_DISPARITY, 0.0),
         };
-        Self { code: camera.code, sign, offset, max_depth: camera.max_depth, metres_per_unit }
+        Self { code: camera.code, flip, offset, max_depth: camera.max_depth, metres_per_unit }
     }
 
     /// Fills a table of the depth of every disparity, 0 where there is none.
@@ -55,7 +56,7 @@ pub trait Sample: Copy {
 impl Sample for u16 {
     #[inline]
     fn key(self, coding: &Coding) -> u16 {
-        self.wrapping_mul(coding.sign).wrapping_add(coding.offset)
+        (self ^ coding.flip).wrapping_add(coding.offset)
     }
 
     #[inline]
@@ -67,7 +68,7 @@ impl Sample for u16 {
     }
 
     fn depth_of_key(key: u16, coding: &Coding) -> Option<f64> {
-        let sample = key.wrapping_sub(coding.offset).wrapping_mul(coding.sign);
+        let sample = key.wrapping_sub(coding.offset) ^ coding.flip;
         coding.code.depth(sample).filter(|z| *z <= coding.max_depth)
     }
 
@@ -99,11 +100,14 @@ impl Sample for f32 {
 }
 
 /// One image, read pixel by pixel. What lies at or beyond its limit is background.
-#[derive(Clone, Copy)]
 pub struct Frame<'f, S> {
-    /// Samples, row by row.
+    /// The samples that are at hand, row by row.
     pub samples: &'f [S],
-    /// For each, the first key that is background.
+    /// Index of the first of them in the image.
+    pub first: usize,
+    /// Whether one was asked for that is not at hand.
+    pub asked_beyond: Cell<bool>,
+    /// For each pixel of the image, the first key that is background.
     pub limits: &'f [u16],
     /// Depth of every disparity, m.
     pub depths: &'f [f32],
@@ -114,17 +118,26 @@ pub struct Frame<'f, S> {
 }
 
 impl<S: Sample> Frame<'_, S> {
+    #[inline]
+    fn sample(&self, index: usize) -> Option<S> {
+        let sample = self.samples.get(index.wrapping_sub(self.first));
+        if sample.is_none() {
+            self.asked_beyond.set(true);
+        }
+        sample.copied()
+    }
+
     /// Depth of the foreground at pixel `index`, m.
     #[inline]
     pub fn foreground(&self, index: usize) -> Option<f64> {
-        let (sample, limit) = (*self.samples.get(index)?, *self.limits.get(index)?);
+        let (sample, limit) = (self.sample(index)?, *self.limits.get(index)?);
         (sample.key(&self.coding) < limit).then(|| sample.depth(&self.coding, self.depths)).filter(|z| *z > 0.0)
     }
 
     /// Depth of whatever pixel `index` shows, m.
     #[inline]
     pub fn reading(&self, index: usize) -> Option<f64> {
-        let sample = *self.samples.get(index)?;
+        let sample = self.sample(index)?;
         (sample.key(&self.coding) != NO_KEY).then(|| sample.depth(&self.coding, self.depths)).filter(|z| *z > 0.0)
     }
 

@@ -4,6 +4,8 @@
 
 use super::packet::DEPTH_PAYLOAD;
 use crate::geometry::camera::NO_DISPARITY;
+use crate::simd::{self, Path};
+use core::ops::Range;
 
 /// Columns of a depth frame, px.
 pub const WIDTH: usize = 640;
@@ -61,12 +63,24 @@ impl Packing {
     /// # Errors
     /// Sizes that don't belong together.
     pub fn unpack(self, packed: &[u8], samples: &mut [u16]) -> Result<(), PackingError> {
+        self.unpack_part(packed, samples, 0..samples.len())
+    }
+
+    /// Unpacks only the samples with numbers in `part`, and what fills their groups of 8.
+    ///
+    /// # Errors
+    /// Sizes that don't belong together.
+    pub fn unpack_part(self, packed: &[u8], samples: &mut [u16], part: Range<usize>) -> Result<(), PackingError> {
         self.check(packed.len(), samples.len())?;
-        match self {
-            Self::Eleven => unpack_groups::<11>(packed, samples),
-            Self::Ten => unpack_groups::<10>(packed, samples),
-        }
+        self.unpack_by(Path::best(), packed, samples, part.start / 8..part.end.min(samples.len()).div_ceil(8));
         Ok(())
+    }
+
+    fn unpack_by(self, path: Path, packed: &[u8], samples: &mut [u16], groups: Range<usize>) {
+        match self {
+            Self::Eleven => unpack_groups::<11>(path, packed, samples, groups),
+            Self::Ten => unpack_groups::<10>(path, packed, samples, groups),
+        }
     }
 
     /// Packs the low bits of each of `samples` into `packed`.
@@ -90,20 +104,28 @@ impl Packing {
     }
 }
 
-/// Groups of `BITS` bytes to 8 samples each: the first samples from the group's first 8 bytes as a number, the others from its last 8.
-fn unpack_groups<const BITS: usize>(packed: &[u8], samples: &mut [u16]) {
-    let none = (1 << BITS) - 1;
-    let (groups, _) = packed.as_chunks::<BITS>();
-    let (eights, _) = samples.as_chunks_mut::<8>();
-    for (group, eight) in groups.iter().zip(eights) {
-        let (Some(head), Some(tail)) = (group.first_chunk(), group.last_chunk()) else { return };
-        let (head, tail) = (u64::from_be_bytes(*head), u64::from_be_bytes(*tail));
-        for (i, sample) in eight.iter_mut().enumerate() {
-            let end = BITS * (i + 1);
-            let bits = if end <= 64 { head >> (64 - end) } else { tail >> (8 * BITS - end) } as u16 & none;
-            *sample = if BITS == 10 && bits == none { NO_DISPARITY } else { bits };
+fn unpack_groups<const BITS: usize>(path: Path, packed: &[u8], samples: &mut [u16], groups: Range<usize>) {
+    let done = simd::unpack::<BITS>(path, packed, samples, groups.clone());
+    let (packed, samples) = (packed.as_chunks::<BITS>().0, samples.as_chunks_mut::<8>().0);
+    for part in [groups.start..done.start, done.end..groups.end] {
+        let (Some(packed), Some(samples)) = (packed.get(part.clone()), samples.get_mut(part)) else { continue };
+        for (group, eight) in packed.iter().zip(samples) {
+            *eight = unpack_group(group);
         }
     }
+}
+
+/// The first samples from the group's first 8 bytes as a number, the others from its last 8.
+#[inline]
+fn unpack_group<const BITS: usize>(group: &[u8; BITS]) -> [u16; 8] {
+    let word = |bytes: Option<&[u8; 8]>| bytes.map_or(0, |bytes| u64::from_be_bytes(*bytes));
+    let (head, tail) = (word(group.first_chunk()), word(group.last_chunk()));
+    let none = (1 << BITS) - 1;
+    core::array::from_fn(|i| {
+        let end = BITS * (i + 1);
+        let bits = if end <= 64 { head >> (64 - end) } else { tail >> (8 * BITS - end) } as u16 & none;
+        if BITS == 10 && bits == none { NO_DISPARITY } else { bits }
+    })
 }
 
 #[cfg(test)]
@@ -135,11 +157,25 @@ mod tests {
 
     proptest! {
         #[test]
-        fn unpacks_as_defined_and_packs_to_the_same_bytes(groups in prop::collection::vec(prop::array::uniform11(any::<u8>()), 0..40)) {
+        fn every_path_unpacks_as_defined_and_what_is_packed_again_is_the_same(
+            groups in prop::collection::vec(prop::array::uniform11(prop_oneof![any::<u8>(), Just(255)]), 0..40),
+            part in (0_usize..40, 0_usize..40).prop_map(|(start, length)| start..start + length),
+        ) {
             for packing in [Packing::Eleven, Packing::Ten] {
                 let packed: Vec<u8> = groups.iter().flat_map(|group| group[..packing.bits()].to_vec()).collect();
                 let mut samples = vec![0; groups.len() * 8];
                 packing.unpack(&packed, &mut samples).unwrap();
+                for path in [Path::Avx2, Path::Ssse3, Path::Neon, Path::Portable] {
+                    let mut same = vec![0; samples.len()];
+                    packing.unpack_by(path, &packed, &mut same, 0..groups.len());
+                    prop_assert_eq!(&same, &samples, "{:?}", path);
+                    let part = part.start.min(groups.len())..part.end.min(groups.len());
+                    let mut some = vec![1234; samples.len()];
+                    packing.unpack_by(path, &packed, &mut some, part.clone());
+                    for (i, (some, all)) in some.iter().zip(&samples).enumerate() {
+                        prop_assert_eq!(*some, if part.contains(&(i / 8)) { *all } else { 1234 }, "{:?}", path);
+                    }
+                }
                 for (i, got) in samples.iter().enumerate() {
                     let bits = sample(&packed, packing.bits(), i);
                     prop_assert_eq!(*got, if packing == Packing::Ten && bits == 1023 { 2047 } else { bits });

@@ -13,6 +13,7 @@ mod result;
 mod samples;
 mod simulation;
 mod stream;
+mod waiting;
 
 use pyo3::prelude::*;
 

@@ -1,6 +1,7 @@
 //! A source that is being recorded.
 
 use super::error::ConfigError;
+use super::waiting::wait_for;
 use crate::config::Config;
 use crate::source::{self, RecordError};
 use pyo3::exceptions::PyOSError;
@@ -56,8 +57,9 @@ impl Recording {
 #[pyfunction]
 #[pyo3(signature = (source, out, *, tum, frames))]
 #[allow(clippy::needless_pass_by_value)] // As Python gives it.
-pub fn open_recording(source: &str, out: PathBuf, tum: bool, frames: Option<u64>) -> PyResult<Recording> {
-    let source = source::open(source, &Config::default(), None)?;
+pub fn open_recording(py: Python<'_>, source: &str, out: PathBuf, tum: bool, frames: Option<u64>) -> PyResult<Recording> {
+    let named = String::from(source);
+    let source = wait_for(py, move || source::open(&named, &Config::default(), None))??;
     Ok(Recording(Mutex::new(Some(source::Recording::new(source, &out, tum, frames)?))))
 }
 

@@ -5,6 +5,7 @@ use super::config::{self, CameraSource};
 use super::error::StreamTimeoutError;
 use super::event::{self, Counters};
 use super::iterable::Iterable;
+use super::waiting::{SLICE, wait_for};
 use crate::event::Event;
 use crate::math::rows;
 use crate::reasoning::Predictor;
@@ -19,9 +20,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use std::vec::Vec;
-
-/// Between two looks at the interpreter's signals.
-const SLICE: Duration = Duration::from_millis(50);
 
 /// An iterator of events, and a context manager.
 #[pyclass(frozen, module = "physinc")]
@@ -207,6 +205,7 @@ impl Track {
 #[pyo3(signature = (source, *, name, config, camera, positions, provisional, frames, duration, timeout))]
 #[allow(clippy::too_many_arguments)] // They are Python's.
 pub fn open_source(
+    py: Python<'_>,
     source: &str,
     name: Option<&str>,
     config: Option<&Bound<'_, PyAny>>,
@@ -218,14 +217,16 @@ pub fn open_source(
     timeout: Option<f64>,
 ) -> PyResult<Stream> {
     let mut config = config::config(config)?;
-    let source = match config::camera(camera)? {
-        CameraSource::File(file) => crate::source::open(source, &config, Some(&file))?,
+    let file = match config::camera(camera)? {
+        CameraSource::File(file) => Some(file),
         CameraSource::Keys(keys) => {
             config.camera = keys.or(&config.camera);
-            crate::source::open(source, &config, None)?
+            None
         }
-        CameraSource::Nowhere => crate::source::open(source, &config, None)?,
+        CameraSource::Nowhere => None,
     };
+    let (named, theirs) = (String::from(source), config.clone());
+    let source = wait_for(py, move || crate::source::open(&named, &theirs, file.as_deref()))??;
     let options = Options { positions, provisional, frames, duration };
     let run = Run::of(&*source, name.unwrap_or(source.name()), &config, options)?;
     Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout)

@@ -120,13 +120,13 @@ pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<
     if source == "kinect" || source.starts_with("kinect:") {
         return Err(SourceError::NoDevice { source_name: source.into() });
     }
+    if let Some((packets, faults)) = with_faults(source) {
+        let faults = Faults::parse(faults).map_err(|what| SourceError::malformed(source, what))?;
+        return Ok(Box::new(Faulty::new(source, open(packets, config, camera)?, faults)?));
+    }
     #[cfg(feature = "sim")]
     if source.starts_with("sim:") {
         return Ok(Box::new(Simulated::new(source)?));
-    }
-    if let Some((capture, faults)) = with_faults(source) {
-        let faults = Faults::parse(faults).map_err(|what| SourceError::malformed(source, what))?;
-        return Ok(Box::new(Faulty::new(source, open(capture, config, camera)?, faults)?));
     }
     let path = Path::new(source);
     let unsupported = |why: &str| SourceError::Unsupported { source_name: source.into(), why: why.into() };
@@ -153,9 +153,11 @@ pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<
     }
 }
 
-/// The capture and the faults that `CAPTURE?key=value&…` names, unless that is a file's own name.
+/// The source and the faults that `CAPTURE?key=value&…` names, unless that is a file's own name, and `sim:SCENE?packets=true&…?key=value&…`.
 fn with_faults(source: &str) -> Option<(&str, &str)> {
-    source.rsplit_once('?').filter(|(capture, _)| capture::is_named_so(Path::new(capture)) && !Path::new(source).exists())
+    let (packets, faults) = source.rsplit_once('?')?;
+    let is_simulated = packets.starts_with("sim:") && packets.contains('?');
+    (is_simulated || capture::is_named_so(Path::new(packets)) && !Path::new(source).exists()).then_some((packets, faults))
 }
 
 /// The keys of `[camera]` in force for `source`: `config`'s, then those of its camera file.

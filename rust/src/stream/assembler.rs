@@ -60,6 +60,13 @@ impl Current {
         Self { base, present: PacketSet::default(), doubtful: PacketSet::default(), clashes: 0, front: 0, stamp: None }
     }
 
+    /// Whether a packet at `index` is rather one of the next frame: nearer ahead of the front than behind it, and the front no straggler
+    /// out of the frame before, as most of the places up to it are taken.
+    fn is_overtaken(&self, index: u8) -> bool {
+        let taken = (index..self.front).filter(|place| self.present.contains(*place + 1)).count();
+        self.front > index.saturating_add(REACH) && 2 * taken > usize::from(self.front - index)
+    }
+
     /// Gives back the places too far ahead of a packet at `index`, and says how many packets came in vain.
     fn disown(&mut self, index: u8) -> u64 {
         let last = index.saturating_add(REACH);
@@ -157,7 +164,15 @@ impl<B: AsMut<[u8]>> Assembler<B> {
             _ if index == packets - 1 => Place::Last,
             _ => Place::Middle,
         };
-        if index < packets && header.place == place {
+        // Just before the first place is only a last packet.
+        let is_beyond = index >= packets && (ends || index == u8::MAX);
+        let skips_an_end = header.place == Place::Middle && (is_beyond || current.is_overtaken(index));
+        if skips_an_end {
+            // The one's last packet and the other's first are lost: nothing confirms the one; its own last may confirm the other.
+            self.give_up();
+            self.current = Some(Current::new(current.base.wrapping_add(packets)));
+            self.fill(index.wrapping_sub(packets), header, payload);
+        } else if index < packets && header.place == place {
             self.fill(index, header, payload);
             if place == Place::Last {
                 self.deliver(arrival_ns, sink);
@@ -171,11 +186,6 @@ impl<B: AsMut<[u8]>> Assembler<B> {
         } else if index >= packets && !ends && (header.place == Place::Last) == (index == u8::MAX) {
             // Of the frame before, which is gone.
             self.counters.packets_invalid += 1;
-        } else if index >= packets && header.place == Place::Middle {
-            // The one's last packet and the other's first are lost: nothing confirms the one; its own last may confirm the other.
-            self.give_up();
-            self.current = Some(Current::new(current.base.wrapping_add(packets)));
-            self.fill(index - packets, header, payload);
         } else {
             // A place that contradicts the sequence: more was lost than it can count.
             self.give_up();

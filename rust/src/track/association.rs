@@ -89,7 +89,9 @@ pub fn associate(tracks: &[Track], measured: &[Measurement], sight: Option<Sight
     let gains = gains.get_mut(..tracks.len()).unwrap_or_default();
     let mut columns = [None; TRACKS];
     assign(gains, &mut columns);
-    disbelieve(tracks, gains, &mut columns);
+    if tracks.len() > 1 {
+        disbelieve(tracks, gains, &mut columns);
+    }
     let mut association = Association { tracks: measured.iter().map(|_| None).collect(), excused, blurred: [None; TRACKS] };
     for (i, (track, column)) in tracks.iter().zip(columns).enumerate() {
         let Some(j) = column.map(|column| column % MEASUREMENTS) else { continue };

@@ -106,11 +106,12 @@ impl Score {
     pub fn add(&mut self, scene: &str, method: Method) {
         let scene = Scene::parse(scene).expect(scene);
         let (events, pose) = run(&scene, &config(&scene, method));
-        self.judge(&events, scene.truth(), &pose);
+        self.judge(&scene, &events, &pose);
     }
 
-    /// Adds what was told of a scene.
-    pub fn judge(&mut self, events: &[Event], truth: &Truth, pose: &Pose) {
+    /// Adds `events` that the engine told of `scene`.
+    pub fn judge(&mut self, scene: &Scene, events: &[Event], pose: &Pose) {
+        let truth = scene.truth();
         let contacts = finals!(events, Contact);
         self.tracks += finals!(events, TrackStarted).len();
         self.alarms += finals!(events, Inconsistency).len();

@@ -35,7 +35,7 @@ pub fn score(faults: &str, sigma: f64, first: u64, seeds: u64, throws: u32) -> S
             engine.packet(bytes, arrival_ns, &mut |e| events.push(e)).expect("a Kinect's packet");
         }
         engine.finish(&mut |e| events.push(e));
-        score.judge(&events, scene.truth(), &engine.world_from_camera());
+        score.judge(&scene, &events, &engine.world_from_camera());
     }
     score
 }
