@@ -13,13 +13,16 @@ export PIP_QUIET := 1
 export PROPTEST_RNG_SEED ?= 2017
 unexport CONDA_PREFIX PYTHONPATH PYTHONHOME
 
-.PHONY: help demo test test-rust test-python bench measures fuzz lint format clean
+.PHONY: help demo recordings test test-rust test-python bench measures fuzz lint format clean
 
 help:  ## what can be made
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 20
 
 demo: .venv/.installed  ## build, install into .venv, and watch six throws over a floor and a box of glass
 	@physinc run demo
+
+recordings:  ## make the packaged demo and fixtures/ anew, byte for byte
+	cargo run --release --locked --example recordings
 
 test: test-rust test-python  ## every test, Rust's and Python's
 
@@ -36,6 +39,8 @@ bench: .venv/.bench  ## time: a frame and a position beside memcpy, numpy and Op
 
 measures: .venv/.tools  ## accuracy of simulated scenes, against their truth
 	cargo bench --locked --bench accuracy
+	cargo bench --locked --bench tracks
+	cargo bench --locked --bench robustness
 
 fuzz:  ## a minute of each fuzz target (SECONDS=60), then the property tests on new cases
 	rust/fuzz/run $(or $(SECONDS),60)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import gzip
 import os
 import re
@@ -11,6 +12,7 @@ import signal
 import struct
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -66,9 +68,17 @@ def usbmon(path: Path, sent: Iterable[Transfer], order: str = "<", link_type: in
     return path
 
 
+@functools.cache
+def frames() -> dict[str, NDArray[Any]]:
+    """The demo's first frames."""
+    with tempfile.TemporaryDirectory() as folder:
+        assert main(["record", "demo", f"{folder}/demo.npz", "--frames", "100"]) == 0
+        return dict(np.load(f"{folder}/demo.npz"))
+
+
 def demo(count: int | None = None) -> Iterator[Transfer]:
     """The packets of the demo's frames."""
-    arrays = np.load(DEMO)
+    arrays = frames()
     return transfers(arrays["timestamps_ns"][:count], arrays["disparity"][:count])
 
 
@@ -76,7 +86,7 @@ def demo(count: int | None = None) -> Iterator[Transfer]:
 def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A capture of some of the demo: a throw and its bounces, with the camera's file beside it."""
     path = usbmon(tmp_path_factory.mktemp("capture") / "throw.pcap", demo(100))
-    shutil.copy(DEMO.with_suffix(".camera.toml"), path.with_suffix(".camera.toml"))
+    shutil.copy(DEMO.with_name("demo.camera.toml"), path.with_suffix(".camera.toml"))
     return path
 
 
@@ -220,7 +230,7 @@ def test_losses_are_told_and_counted(capture: Path, capsys: pytest.CaptureFixtur
 
 
 def test_only_packets_are_recorded_in_captures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["record", "demo", str(tmp_path / "out.pcapng")]) == 2
+    assert main(["record", "sim:drop", str(tmp_path / "out.pcapng")]) == 2
     assert "captures hold packets" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 

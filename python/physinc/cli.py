@@ -179,7 +179,7 @@ def record(
 
 @app.command
 def simulate(scene: str, out: Path, /) -> int:
-    """Simulate SCENE into OUT.npz, with the camera in OUT.camera.toml and the truth in OUT.truth.json.
+    """Simulate SCENE into OUT, with the camera in OUT.camera.toml and the truth in OUT.truth.json.
 
     Parameters
     ----------
@@ -187,7 +187,8 @@ def simulate(scene: str, out: Path, /) -> int:
         bounce (six throws over a floor and a box that the camera can't see), room, two_balls, many, passive_flight, drop or roll,
         with keys, if any, as in "bounce?seed=3&distance=2".
     out
-        The recording. `physinc run OUT.npz` tells what happens in it.
+        FILE.npz (frames), or FILE.pcapng, also .gz or .zst (a capture of the packets that a Kinect would send). `physinc run OUT` tells
+        what happens in it.
 
     """
     frames, balls, contacts = simulate_scene(scene, out)

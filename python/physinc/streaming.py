@@ -23,7 +23,7 @@ Positions that follow each other with equal stamps are one instant, too."""
 Source: TypeAlias = str | os.PathLike[str] | Iterable[Item]
 """What may be streamed."""
 
-DEMO = Path(__file__).with_name("demo.npz")
+DEMO = Path(__file__).with_name("demo.pcapng.zst")
 """The recording inside the package."""
 
 

@@ -13,6 +13,7 @@ use crate::reasoning::Predictor;
 use crate::seeing::SeeError;
 use crate::source::{Input, Source};
 use crate::time::seconds_between;
+use std::boxed::Box;
 use std::time::{Duration, Instant};
 
 /// What is told, and how much is read.
@@ -30,7 +31,8 @@ pub struct Options {
 
 /// The engine between `stream_started` and `stream_ended`.
 pub struct Run {
-    engine: Engine<'static>,
+    /// Large, and handed from thread to thread.
+    engine: Box<Engine<'static>>,
     options: Options,
     started: StreamStarted,
     span_ns: Option<(i64, i64)>,
@@ -45,7 +47,7 @@ impl Run {
     /// # Errors
     /// The first key of the configuration whose value can't be.
     pub fn new(source: &str, config: &Config, camera: Option<Camera>, options: Options) -> Result<Self, ConfigError> {
-        Ok(Self::with(Engine::new(config, camera.as_ref())?, source, camera.as_ref(), options))
+        Ok(Self::with(Box::new(Engine::new(config, camera.as_ref())?), source, camera.as_ref(), options))
     }
 
     /// A stream of what `source` delivers, that calls itself `name`.
@@ -58,10 +60,10 @@ impl Run {
             (Some(camera), Some(kinect)) => Engine::new_for_packets(config, camera, kinect.packing),
             (camera, _) => Engine::new(config, camera.as_ref()),
         };
-        Ok(Self::with(engine?, name, camera.as_ref(), options))
+        Ok(Self::with(Box::new(engine?), name, camera.as_ref(), options))
     }
 
-    fn with(engine: Engine<'static>, name: &str, camera: Option<&Camera>, options: Options) -> Self {
+    fn with(engine: Box<Engine<'static>>, name: &str, camera: Option<&Camera>, options: Options) -> Self {
         let mut source = heapless::String::new();
         // What doesn't fit is cut: a name is there to be recognised.
         let _ = name.chars().try_for_each(|c| source.push(c));

@@ -31,6 +31,9 @@ const AGAIN: f64 = 0.5;
 const HIDDEN: f64 = 0.9;
 /// A ball shows as a blob that can't be measured, at this rate.
 const BLURRED: f64 = 0.2;
+/// A track of one measurement, or one that was not measured a frame ago, is believed to go on where that makes a pairing so much (log) more
+/// probable than any without it.
+const BELIEVED: f64 = 1.5;
 /// Gain of two labels that agree: more than any probability.
 const LABEL: f64 = 1e6;
 
@@ -63,7 +66,10 @@ pub fn associate(tracks: &[Track], measured: &[Measurement], sight: Option<Sight
         let now = measured.first().map_or(0.0, |m| track.seconds(m.time_ns));
         let Some(expected) = Expectation::new(track, around, !track.is_missed(now)) else { continue };
         let place = sight.zip(expected.prediction(around.law, now)).map(|(sight, p)| (sight, p, sight.pose.to_camera(&p.state.position)));
-        *excused = place.is_some_and(|(sight, p, center)| sight.hides(&center, track.radius, sqrt(p.covariance.trace()), measured));
+        *excused = place.is_some_and(|(sight, p, center)| {
+            let spread = sqrt(p.covariance.trace());
+            spread < track.radius && sight.hides(&center, track.radius + spread, measured)
+        });
         let unseen = match () {
             () if *excused || place.is_some_and(|(sight, _, center)| sight.cuts(&center, track.radius)) => HIDDEN,
             () if track.is_unmeasured() => AGAIN,
@@ -80,8 +86,12 @@ pub fn associate(tracks: &[Track], measured: &[Measurement], sight: Option<Sight
             }
         }
     }
+    let gains = gains.get_mut(..tracks.len()).unwrap_or_default();
     let mut columns = [None; TRACKS];
-    assign(gains.get(..tracks.len()).unwrap_or(&gains), &mut columns);
+    assign(gains, &mut columns);
+    if tracks.len() > 1 {
+        disbelieve(tracks, gains, &mut columns);
+    }
     let mut association = Association { tracks: measured.iter().map(|_| None).collect(), excused, blurred: [None; TRACKS] };
     for (i, (track, column)) in tracks.iter().zip(columns).enumerate() {
         let Some(j) = column.map(|column| column % MEASUREMENTS) else { continue };
@@ -92,6 +102,28 @@ pub fn associate(tracks: &[Track], measured: &[Measurement], sight: Option<Sight
         }
     }
     association
+}
+
+/// Takes those pairs of tracks that are not sure back without which the best pairing would be nearly as probable: a track that ends and another
+/// that begins tell less than a wrong one, but nothing wrong.
+fn disbelieve(tracks: &[Track], gains: &mut [[f64; COLUMNS]], columns: &mut [Option<usize>; TRACKS]) {
+    let total = |gains: &[[f64; COLUMNS]], columns: &[Option<usize>; TRACKS]| -> f64 {
+        gains.iter().zip(columns).filter_map(|(gains, column)| column.map(|column| gains[column])).sum()
+    };
+    let (all, best) = (total(gains, columns), *columns);
+    let unsure = |track: &Track| track.samples().len() < 2 || track.is_unmeasured();
+    for (i, (_, column)) in tracks.iter().zip(best).enumerate().filter(|(_, (track, _))| unsure(track)) {
+        let Some(j) = column.filter(|j| *j < MEASUREMENTS) else { continue };
+        // A blob has two columns, of which either will do.
+        let (gain, again) = (gains[i][j], gains[i][MEASUREMENTS + j]);
+        (gains[i][j], gains[i][MEASUREMENTS + j]) = (0.0, 0.0);
+        let mut without = [None; TRACKS];
+        assign(gains, &mut without);
+        if all - total(gains, &without) < BELIEVED {
+            columns[i] = None;
+        }
+        (gains[i][j], gains[i][MEASUREMENTS + j]) = (gain, again);
+    }
 }
 
 /// By how much (log) more probable it is that `m` shows `track` than that it shows something new and the track is not seen.
@@ -111,9 +143,9 @@ fn gain(track: &Track, expected: &Expectation, m: &Measurement, otherwise: f64, 
 }
 
 impl Sight<'_> {
-    /// Whether something measured hides a ball at `center` (camera frame), or a part of it; `spread` is how well the place is known, m.
-    fn hides(&self, center: &Vec3, radius: f64, spread: f64, measured: &[Measurement]) -> bool {
-        let disc = (radius + spread.min(radius)) / center.z;
+    /// Whether something measured hides a ball at `center` (camera frame), or a part of it.
+    fn hides(&self, center: &Vec3, radius: f64, measured: &[Measurement]) -> bool {
+        let disc = radius / center.z;
         measured.iter().any(|m| {
             let front = self.pose.to_camera(&m.center);
             front.z < center.z - 0.5 * radius && (front / front.z - center / center.z).norm() < m.radius / front.z + disc
