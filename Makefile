@@ -40,7 +40,6 @@ bench: .venv/.bench  ## time: a frame and a position beside memcpy, numpy and Op
 measures: .venv/.tools  ## accuracy of simulated scenes, against their truth
 	cargo bench --locked --bench accuracy
 	cargo bench --locked --bench tracks
-	cargo bench --locked --bench robustness
 
 fuzz:  ## a minute of each fuzz target (SECONDS=60), then the property tests on new cases
 	rust/fuzz/run $(or $(SECONDS),60)

@@ -407,15 +407,14 @@ impl<'b> Seeing<'b> {
             else {
                 return;
             };
-            let kept: Vec<Range<f64>, 16> = (found.iter())
+            let kept: Vec<Range<usize>, 16> = (found.iter())
                 .filter_map(|ball| {
                     let (x, y) = self.camera.project(&ball.detection.center)?;
                     let reach = 1.5 * ball.detection.radius * fx / ball.detection.center.z + 4.0;
-                    ((row as f64 - y).abs() < reach).then_some(x - reach..x + reach)
+                    ((row as f64 - y).abs() < reach).then_some((x - reach) as usize..(x + reach) as usize + 1)
                 })
                 .collect();
-            let kept = |column: usize| kept.iter().any(|columns| columns.contains(&(column as f64)));
-            background::follow(source.row(row), &self.coding, limits, farthest, strangers, kept);
+            background::follow(source.row(row), &self.coding, limits, farthest, strangers, &kept);
         }
     }
 

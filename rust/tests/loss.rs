@@ -21,13 +21,13 @@ const LOSSES: [&str; 8] = [
     "lose=0",
     "lose=0.01",
     "lose=0.05",
-    "lose=0.15",
+    "lose=0.2",
     "lose=0.05&burst=60",
     "empty=0.02&short=0.02&foreign=0.02&double=0.02",
     "late=0.05",
     "flip=0.01",
 ];
-const NOISES: [f64; 2] = [1.0, 2.0];
+const NOISES: [f64; 3] = [0.5, 1.0, 2.0];
 const SEEDS: [u64; 2] = [1, 2];
 
 /// Hands out packets that were made before.

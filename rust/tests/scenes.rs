@@ -9,10 +9,13 @@ use physinc::event::{Contact, Inconsistency, Kind, Position, Surface, TrackEnded
 use physinc::math::Vec3;
 use physinc::sim::Scene;
 
+/// Three would leave it to chance whether a height is within its limit.
+const SEEDS: usize = 6;
+
 fn bounces(keys: &str, method: Method) -> Score {
     let mut score = Score::default();
-    for seed in 0..3 {
-        score.add(&format!("bounce?seed={}&distance={}&{keys}", 40 + seed, 1.55 + 0.2 * f64::from(seed)), method);
+    for seed in 0..SEEDS {
+        score.add(&format!("bounce?seed={}&distance={}&{keys}", 40 + seed, 1.55 + 0.08 * seed as f64), method);
     }
     score
 }
@@ -27,14 +30,14 @@ fn bounces_surfaces_and_uncertainties_are_right() {
         assert!(rms(&score.height) < 0.6e-3 && rms(&score.plane) < 0.6, "{}", score.row(keys, Method::Best));
         // 100 squares of normal errors scatter by a seventh; contacts of one throw are not independent.
         assert!((0.6..1.5).contains(&mean(&score.nees)), "{}", score.row(keys, Method::Best));
-        assert_eq!(score.surfaces, [2, 2, 2]);
+        assert_eq!(score.surfaces, [2; SEEDS]);
     }
 }
 
 #[test]
 fn a_camera_that_was_told_nothing_finds_the_same_floor_and_box() {
     let score = bounces("tilt_deg=27", Method::Best);
-    assert!(score.matched as f64 >= 0.9 * score.countable as f64 && score.surfaces == [2, 2, 2], "{}", score.row("tilt", Method::Best));
+    assert!(score.matched as f64 >= 0.9 * score.countable as f64 && score.surfaces == [2; SEEDS], "{}", score.row("tilt", Method::Best));
     assert!(rms(&score.height) < 1e-3 && rms(&score.plane) < 1.0 && rms(&score.gravity) < 0.3, "{}", score.row("tilt", Method::Best));
 }
 

@@ -2,8 +2,12 @@
 //!
 //! Each pixel has a limit, the first key that is background, and the key of what it is taken to show, which the limit keeps its distance from.
 
+#![allow(clippy::inline_always)] // So that loops are compiled for the registers of `widest`.
+
 use super::foreground::{Coding, Sample, first_key_beyond, key_at};
 use super::noise::Noise;
+use crate::simd::widest;
+use core::ops::Range;
 
 /// Frames in which each pixel is looked at once for change: 2 s at 30 Hz.
 pub const ROUND: usize = 60;
@@ -13,6 +17,9 @@ const STAY: u16 = 5;
 const SIGMAS: f64 = 4.0;
 /// How far known surfaces may be from where they are said to be, m.
 const SURVEY_SD: f64 = 0.005;
+
+/// Pixels that are looked at together where nothing happens.
+const CHUNK: usize = 64;
 
 /// What a pixel shows in place of its background: a key, and in how many looks.
 pub type Stranger = [u16; 2];
@@ -50,33 +57,76 @@ pub fn know<S: Sample>(coding: &Coding, z: f64, limit: &mut u16, shown: &mut u16
 }
 
 /// Looks at the pixels of one row for change. Small differences are followed by one key a look; what shows the same for long enough, and is
-/// none of what is `kept` out, becomes background.
+/// in none of the columns that are `kept` out, becomes background.
 pub fn follow<S: Sample>(
     samples: &[S],
     coding: &Coding,
     limits: &mut [u16],
     shown: &mut [u16],
     strangers: &mut [Stranger],
-    kept: impl Fn(usize) -> bool,
+    kept: &[Range<usize>],
 ) {
     let beyond = first_key_beyond::<S>(coding);
-    for (column, (((sample, limit), shown), stranger)) in samples.iter().zip(limits).zip(shown).zip(strangers).enumerate() {
-        let key = sample.key(coding);
-        if key >= beyond || kept(column) {
+    let chunks = samples.chunks(CHUNK).zip(limits.chunks_mut(CHUNK)).zip(shown.chunks_mut(CHUNK)).zip(strangers.chunks_mut(CHUNK));
+    for (chunk, (((samples, limits), shown), strangers)) in chunks.enumerate() {
+        if kept.is_empty()
+            && widest(
+                #[inline(always)]
+                || drift(samples, coding, beyond, limits, shown, strangers),
+            )
+        {
             continue;
         }
-        let tolerance = (*shown - (*limit).min(*shown)).max(1);
-        if key.abs_diff(*shown) <= tolerance {
-            // To where as many readings are nearer as are farther.
-            let step = u16::from(key > *shown).wrapping_sub(u16::from(key < *shown));
-            (*limit, *shown) = (limit.wrapping_add(step), shown.wrapping_add(step));
-            *stranger = [0; 2];
-        } else if let Some(margin) = margin::<S>(key, coding, 0.0) {
-            let [before, looks] = *stranger;
-            *stranger = if looks > 0 && key.abs_diff(before) <= margin { [before, looks + 1] } else { [key, 1] };
-            if stranger[1] >= STAY {
-                (*limit, *shown, *stranger) = (key.saturating_sub(margin), key, [0; 2]);
+        for (i, (((sample, limit), shown), stranger)) in samples.iter().zip(limits).zip(shown).zip(strangers).enumerate() {
+            let key = sample.key(coding);
+            if key < beyond && !kept.iter().any(|columns| columns.contains(&(chunk * CHUNK + i))) {
+                look::<S>(key, coding, limit, shown, stranger);
             }
+        }
+    }
+}
+
+/// Whether `key` differs from the background by noise.
+#[inline(always)]
+fn is_near(key: u16, limit: u16, shown: u16) -> bool {
+    key.abs_diff(shown) <= (shown - limit.min(shown)).max(1)
+}
+
+/// To where as many readings are nearer as are farther.
+#[inline(always)]
+fn step(key: u16, shown: u16) -> u16 {
+    u16::from(key > shown).wrapping_sub(u16::from(key < shown))
+}
+
+/// Follows pixels of which none shows a stranger, nor did; false, and nothing done, where one does. Loops without branches: a few wide
+/// instructions.
+#[inline(always)]
+fn drift<S: Sample>(samples: &[S], coding: &Coding, beyond: u16, limits: &mut [u16], shown: &mut [u16], strangers: &[Stranger]) -> bool {
+    let calm = (samples.iter().zip(&*limits).zip(&*shown)).fold(true, |calm, ((sample, limit), shown)| {
+        let key = sample.key(coding);
+        calm & ((key >= beyond) | is_near(key, *limit, *shown))
+    });
+    if !calm || strangers.iter().any(|stranger| *stranger != [0; 2]) {
+        return false;
+    }
+    for ((sample, limit), shown) in samples.iter().zip(limits).zip(shown) {
+        let key = sample.key(coding);
+        let step = if key < beyond { step(key, *shown) } else { 0 };
+        (*limit, *shown) = (limit.wrapping_add(step), shown.wrapping_add(step));
+    }
+    true
+}
+
+/// Looks at one pixel.
+fn look<S: Sample>(key: u16, coding: &Coding, limit: &mut u16, shown: &mut u16, stranger: &mut Stranger) {
+    if is_near(key, *limit, *shown) {
+        let step = step(key, *shown);
+        (*limit, *shown, *stranger) = (limit.wrapping_add(step), shown.wrapping_add(step), [0; 2]);
+    } else if let Some(margin) = margin::<S>(key, coding, 0.0) {
+        let [before, looks] = *stranger;
+        *stranger = if looks > 0 && key.abs_diff(before) <= margin { [before, looks + 1] } else { [key, 1] };
+        if stranger[1] >= STAY {
+            (*limit, *shown, *stranger) = (key.saturating_sub(margin), key, [0; 2]);
         }
     }
 }
@@ -101,7 +151,8 @@ mod tests {
         (0..15).for_each(|_| learn(&[2000_u16], &coding, &mut limit_, &mut shown));
         limit::<u16>(&coding, 15, &mut limit_, &mut shown);
         let look = |(sample, kept): (u16, bool)| {
-            follow(&[sample], &coding, &mut limit_, &mut shown, &mut stranger, |_| kept);
+            let columns = 0..usize::from(kept);
+            follow(&[sample], &coding, &mut limit_, &mut shown, &mut stranger, if kept { core::slice::from_ref(&columns) } else { &[] });
             limit_[0] + 1
         };
         looks.map(look).collect()

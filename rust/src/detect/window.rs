@@ -24,8 +24,9 @@ pub const CELLS: usize = WIDTH * WIDTH;
 
 const WIDTH: usize = PATCH + WINDOW - 1;
 
-/// Steps of conjugate gradients: with four, centers are within a few percent of the best.
-const STEPS: usize = 4;
+/// Steps of conjugate gradients; one would be plain least squares. More than two make centers no more than 1 % better (`seeing_accuracy`), and
+/// worse where the window is not as thought: what they gain, they gain at the edges of what it lets through.
+const STEPS: usize = 2;
 
 /// What weights make of jacobian and noise.
 pub struct Whitened {
@@ -141,9 +142,17 @@ impl Grid {
     /// Solves C · weights = `jacobian` for each lane, nearly: any weights give an unbiased estimate, these nearly the best there is. Only
     /// pixels that `jacobian` has anything of take part. `scratch` is five times as long.
     pub fn whiten(&self, noise: Shares, jacobian: &[Lanes], weights: &mut [Lanes], scratch: &mut [Lanes]) -> Whitened {
+        weights.fill([0.0; 4]);
+        let width = self.width();
+        let says = |row: &[Lanes]| row.iter().any(|cell| *cell != [0.0; 4]);
+        let mut rows = jacobian.chunks_exact(width).take(self.rows);
+        let first = rows.position(says).unwrap_or(0);
+        let grid = Self { rows: 1 + rows.rposition(says).map_or(0, |last| last + 1), ..*self };
+        let cells = first * width..(first + grid.rows) * width;
+        let (jacobian, weights) = (&jacobian[cells.clone()], &mut weights[cells]);
         let residual = widest(
             #[inline(always)]
-            || self.solve(noise, jacobian, weights, scratch),
+            || grid.solve(noise, jacobian, weights, scratch),
         );
         // C · weights is `jacobian` less what the solver left.
         let response = products(weights, jacobian);
@@ -153,11 +162,8 @@ impl Grid {
     /// Conjugate gradients; what they leave of `jacobian`.
     #[inline(always)]
     fn solve<'s>(&self, noise: Shares, jacobian: &[Lanes], weights: &mut [Lanes], scratch: &'s mut [Lanes]) -> &'s [Lanes] {
-        weights.fill([0.0; 4]);
         let (between, scratch) = scratch.split_at_mut(self.cells());
-        // The rows of padding stay 0.
-        let pixels = self.rows * self.width();
-        let (jacobian, weights) = (&jacobian[..pixels], &mut weights[..pixels]);
+        let pixels = jacobian.len();
         let (residual, scratch) = scratch.split_at_mut(pixels);
         let (direction, scratch) = scratch.split_at_mut(pixels);
         let (used, scratch) = scratch.split_at_mut(pixels);
@@ -196,7 +202,7 @@ impl Grid {
 
     /// weightsᵀ C weights: the covariance of Σ weights · reading. Overwrites `weights`.
     pub fn covariance(&self, noise: Shares, weights: &mut [Lanes]) -> Products {
-        let own = products(weights, weights) * noise.own;
+        let own = if noise.own > 0.0 { products(weights, weights) * noise.own } else { Products::zeros() };
         widest(
             #[inline(always)]
             || self.gather(weights),
@@ -324,6 +330,7 @@ mod tests {
 
             let (mut weights, mut scratch) = (std::vec![[0.0; 4]; jacobian.len()], std::vec![[0.0; 4]; 5 * jacobian.len()]);
             let whitened = grid.whiten(noise, &jacobian, &mut weights, &mut scratch);
+            let plain = (j.transpose() * c * j).diagonal();
             let best = (j.transpose() * c.try_inverse().unwrap() * j).diagonal();
             let response = products(&weights, &jacobian);
             let variance = grid.covariance(noise, &mut weights);
@@ -332,7 +339,9 @@ mod tests {
             for lane in 0..4 {
                 // Variance of the estimate: that of the sum over the square of the response.
                 let efficiency = response[(lane, lane)] * response[(lane, lane)] / variance[(lane, lane)] / best[lane];
-                assert!((0.85..1.001).contains(&efficiency), "{window:?} lane {lane}: {efficiency}");
+                let plain = (j.column(lane).norm_squared() * j.column(lane).norm_squared()) / plain[lane] / best[lane];
+                assert!(efficiency < 1.001 && efficiency > plain - 1e-3, "{window:?} lane {lane}: {efficiency}, plain {plain}");
+                assert!(window == [1, 1] || efficiency > plain + 0.02, "{window:?} lane {lane}: {efficiency}, plain {plain}");
             }
         }
     }

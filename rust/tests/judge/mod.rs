@@ -2,7 +2,6 @@
 #![allow(dead_code)] // Each test and bench uses what it needs.
 
 pub mod identity;
-pub mod robustness;
 
 use physinc::config::{Config, Method};
 use physinc::engine::Engine;
