@@ -31,9 +31,9 @@ const AGAIN: f64 = 0.5;
 const HIDDEN: f64 = 0.9;
 /// A ball shows as a blob that can't be measured, at this rate.
 const BLURRED: f64 = 0.2;
-/// A track of one measurement, or one that was not measured a frame ago, is believed to go on where that makes a pairing so much (log) more
-/// probable than any without it.
-const BELIEVED: f64 = 1.5;
+/// A track goes on where the best pairing is so much (log) more probable than any without it: 10 to 1, at rates of new objects that are some
+/// hundred times the real ones, so 1000 to 1.
+const BELIEVED: f64 = 2.3;
 /// Gain of two labels that agree: more than any probability.
 const LABEL: f64 = 1e6;
 
@@ -73,7 +73,8 @@ pub fn associate(tracks: &[Track], measured: &[Measurement], sight: Option<Sight
         let unseen = match () {
             () if *excused || place.is_some_and(|(sight, _, center)| sight.cuts(&center, track.radius)) => HIDDEN,
             () if track.is_unmeasured() => AGAIN,
-            () => UNSEEN,
+            // Only what goes by the law is known to be in plain view.
+            () => UNSEEN + (AGAIN - UNSEEN) * expected.astray(now),
         };
         let new = NEW + REVEALED * (tracks.len() - 1) as f64;
         for (j, m) in measured.iter().enumerate() {
@@ -89,8 +90,8 @@ pub fn associate(tracks: &[Track], measured: &[Measurement], sight: Option<Sight
     let gains = gains.get_mut(..tracks.len()).unwrap_or_default();
     let mut columns = [None; TRACKS];
     assign(gains, &mut columns);
-    if tracks.len() > 1 {
-        disbelieve(tracks, gains, &mut columns);
+    if tracks.len() > 1 || measured.len() > 1 {
+        disbelieve(gains, &mut columns);
     }
     let mut association = Association { tracks: measured.iter().map(|_| None).collect(), excused, blurred: [None; TRACKS] };
     for (i, (track, column)) in tracks.iter().zip(columns).enumerate() {
@@ -104,16 +105,15 @@ pub fn associate(tracks: &[Track], measured: &[Measurement], sight: Option<Sight
     association
 }
 
-/// Takes those pairs of tracks that are not sure back without which the best pairing would be nearly as probable: a track that ends and another
-/// that begins tell less than a wrong one, but nothing wrong.
-fn disbelieve(tracks: &[Track], gains: &mut [[f64; COLUMNS]], columns: &mut [Option<usize>; TRACKS]) {
+/// Takes those pairs back without which the best pairing would be nearly as probable: a track that ends and another that begins tell less than a
+/// wrong one, but nothing wrong.
+fn disbelieve(gains: &mut [[f64; COLUMNS]], columns: &mut [Option<usize>; TRACKS]) {
     let total = |gains: &[[f64; COLUMNS]], columns: &[Option<usize>; TRACKS]| -> f64 {
         gains.iter().zip(columns).filter_map(|(gains, column)| column.map(|column| gains[column])).sum()
     };
     let (all, best) = (total(gains, columns), *columns);
-    let unsure = |track: &Track| track.samples().len() < 2 || track.is_unmeasured();
-    for (i, (_, column)) in tracks.iter().zip(best).enumerate().filter(|(_, (track, _))| unsure(track)) {
-        let Some(j) = column.filter(|j| *j < MEASUREMENTS) else { continue };
+    for (i, column) in best.iter().enumerate().take(gains.len()) {
+        let Some(j) = column.map(|column| column % MEASUREMENTS) else { continue };
         // A blob has two columns, of which either will do.
         let (gain, again) = (gains[i][j], gains[i][MEASUREMENTS + j]);
         (gains[i][j], gains[i][MEASUREMENTS + j]) = (0.0, 0.0);

@@ -2,11 +2,12 @@
 
 use crate::math::{Mat3, Vec3, exp, sqrt};
 use crate::physics::Sample;
+use crate::physics::contact::RESTITUTION;
 use crate::physics::flight::{Flight, Prediction};
 use crate::physics::inconsistency::WhitenedTest;
 use crate::physics::law::{FreeFall, Law};
 use crate::track::hypothesis::Surroundings;
-use crate::track::object::{HINTS, Track};
+use crate::track::object::{HINTS, Track, blur};
 use heapless::Vec;
 
 /// Contacts a second.
@@ -18,6 +19,13 @@ const SPEED: f64 = 4.0;
 /// A contact leaves a ball no faster than before, but for this, m/s, and gravity.
 const FASTER: f64 = 0.3;
 
+/// Part of all contacts that are with level surfaces.
+const LEVEL: f64 = 0.7;
+/// They take such a part of the velocity along them, more or less all of it.
+const GRIP: f64 = 0.2;
+/// Moments at which such a contact is thought of.
+const MOMENTS: u32 = 6;
+
 /// Samples that no law explains are looked at so many together.
 const NEWEST: usize = 3;
 
@@ -28,7 +36,19 @@ pub struct Expectation {
     flights: [Option<(Flight, f64, bool)>; 2],
     last: Vec3,
     since: f64,
+    /// Newest measurement, s.
+    measured: f64,
+    /// Gravity, and the variance of its direction, rad².
+    gravity: (Vec3, f64),
+    /// When a ball that bounces on may have bounced twice since, s.
+    twice: f64,
+    /// Standard deviation of `last`, m: a blob's center is not a ball's.
+    blurred: f64,
     speed: f64,
+    /// Of an object with one sample since the law ceased to hold, m/s an axis.
+    velocity_sd: f64,
+    /// Its newest samples are explained by no law.
+    doubtful: bool,
     /// Only the newest sample is known, nothing of its velocity.
     young: bool,
     /// Contacts are thought of.
@@ -51,11 +71,23 @@ impl Expectation {
         let share = if lawful.is_some() && newest.is_some() { 0.5 } else { 1.0 };
         // The last step may have been a bounce, there and back: the fastest of a few counts.
         let speeds = track.samples().windows(2).rev().take(4).map(|w| (w[1].position - w[0].position).norm() / (w[1].t - w[0].t));
+        let speed = speeds.fold(0.0, f64::max);
+        let bounced = track.samples().len() > NEWEST && !unexplained.is_empty();
         Some(Self {
             flights: [lawful.map(|(fit, carried)| (fit, share, carried)), newest.map(|fit| (fit, share, false))],
             last: last.position,
             since: last.t,
-            speed: speeds.fold(0.0, f64::max),
+            measured: track.samples().last().map_or(last.t, |s| s.t),
+            gravity: (around.gravity.mean, around.gravity.spread() / around.gravity.mean.norm_squared()),
+            twice: track.contact_before().map_or(f64::INFINITY, |contact| {
+                // Up and down again, and then once more with less.
+                let flight = 2.0 * -around.gravity.mean.dot(&contact.after) / around.gravity.mean.norm_squared();
+                contact.time + (1.0 + RESTITUTION.0) * flight.max(0.0)
+            }),
+            blurred: if track.hints().is_empty() { 0.0 } else { sqrt(blur(track.radius)) },
+            speed,
+            velocity_sd: if bounced { (speed / sqrt(3.0) + FASTER).min(SPEED) } else { SPEED },
+            doubtful: !fresh.is_empty(),
             young,
             touches,
         })
@@ -70,7 +102,7 @@ impl Expectation {
         self.flights.iter().flatten().map(move |(fit, share, carried)| {
             let mut prediction = if *carried { fit.predict(&FreeFall, t) } else { fit.predict(law, t) };
             if fit.count < 2 {
-                let reach = SPEED * (t - self.since);
+                let reach = self.velocity_sd * (t - self.since);
                 prediction.covariance = Mat3::from_diagonal_element(reach * reach + 1e-6);
             }
             (prediction, *share)
@@ -89,17 +121,54 @@ impl Expectation {
                 share * ((1.0 - ROUGH.0) * normal_density(&off, &(prediction.covariance + own)) + ROUGH.0 * normal_density(&off, &wide))
             })
             .sum();
-        let touched = if self.touches && !self.young { self.touched(dt, center, own) } else { 0.0 };
-        lawful + touched
+        if !self.touches || self.young {
+            return lawful;
+        }
+        let touched = self.touched(dt, center, own);
+        lawful + self.bounced(law, t, center, own).map_or(touched, |bounced| (1.0 - LEVEL) * touched + LEVEL * bounced)
+    }
+
+    /// The density after a bounce off a level surface since the last measurement: from then on the ball is as far from where the law has it as
+    /// the impulse takes it. `None` where no law held before, or there may have been two.
+    fn bounced(&self, law: &dyn Law, t: f64, center: &Vec3, own: &Mat3) -> Option<f64> {
+        let [Some((fit, _, false)), None] = &self.flights else { return None };
+        let up = -self.gravity.0.try_normalize(1e-9).filter(|_| t < self.twice)?;
+        let (by_law, dt) = (fit.predict(law, t), t - self.measured);
+        let off = center - by_law.state.position;
+        let step = dt / f64::from(MOMENTS);
+        let density = |k: u32| {
+            let since = step * (f64::from(k) + 0.5);
+            let velocity = by_law.state.velocity - self.gravity.0 * since;
+            let fall = -up.dot(&velocity);
+            if fall <= 0.0 {
+                return 0.0;
+            }
+            let impulse = up * ((1.0 + RESTITUTION.0) * fall) - (velocity + up * fall) * GRIP;
+            let (along, across) = (0.5 * step * impulse.norm(), RESTITUTION.1 * fall * since);
+            let astray = (GRIP * GRIP + self.gravity.1) * velocity.norm_squared() * since * since;
+            let spread = Mat3::from_diagonal_element(astray) + up * up.transpose() * (along * along + across * across);
+            normal_density(&(off - impulse * since), &(by_law.covariance + own + spread))
+        };
+        Some(contact_chance(dt) * (0..MOMENTS).map(density).sum::<f64>() / f64::from(MOMENTS))
     }
 
     /// The density after a contact since the last sample: anywhere as far away as it may have got.
     fn touched(&self, dt: f64, center: &Vec3, own: &Mat3) -> f64 {
-        let reach = self.speed * dt + FASTER * dt + 5.0 * dt * dt + 3.0 * sqrt(own.trace());
+        let spread = sqrt(own.trace() + 3.0 * self.blurred * self.blurred);
+        let reach = self.speed * dt + FASTER * dt + 5.0 * dt * dt + 3.0 * spread;
         let inside = (center - self.last).norm() < reach;
-        let chance = (CONTACT_RATE * dt).min(0.5);
-        if inside { chance / (4.0 / 3.0 * core::f64::consts::PI * reach * reach * reach) } else { 0.0 }
+        if inside { contact_chance(dt) / (4.0 / 3.0 * core::f64::consts::PI * reach * reach * reach) } else { 0.0 }
     }
+
+    /// The probability that the law does not tell where it is at `t` (s).
+    pub fn astray(&self, t: f64) -> f64 {
+        if self.doubtful { 1.0 } else { contact_chance(t - self.since) }
+    }
+}
+
+/// The probability of a contact within `dt` (s).
+fn contact_chance(dt: f64) -> f64 {
+    (CONTACT_RATE * dt).clamp(0.0, 0.5)
 }
 
 /// Whether blobs since the last measurement are where the law has the object.

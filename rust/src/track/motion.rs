@@ -81,6 +81,11 @@ impl Motion {
         self.fit.as_ref().map(|fit| (fit, self.phase == Phase::Supported))
     }
 
+    /// The newest contact, while it is not final.
+    pub fn contact(&self) -> Option<&Contact> {
+        self.pending.as_ref().map(|pending| &pending.contact)
+    }
+
     /// Samples from this time (s) on agree with no law.
     pub fn explained_until(&self) -> f64 {
         match self.phase {

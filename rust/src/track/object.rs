@@ -2,6 +2,7 @@
 
 use crate::config::Method;
 use crate::math::{Mat3, Vec3};
+use crate::physics::contact::Contact;
 use crate::physics::flight::{Flight, Prediction, VELOCITY_SD};
 use crate::physics::law::{FreeFall, Law, State};
 use crate::physics::{Sample, between};
@@ -185,6 +186,14 @@ impl Track {
         match &self.watch {
             Watch::Best(motion) => between(self.samples(), motion.explained_until(), f64::INFINITY),
             Watch::Paper(_) => self.samples(),
+        }
+    }
+
+    /// The contact that its present flight may have begun with.
+    pub fn contact_before(&self) -> Option<&Contact> {
+        match &self.watch {
+            Watch::Best(motion) => motion.contact(),
+            Watch::Paper(_) => None,
         }
     }
 
