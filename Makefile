@@ -38,7 +38,7 @@ aarch64:  ## the library on aarch64 under qemu-user: tests, instructions a frame
 
 bench: .venv/.bench  ## time: a frame beside memcpy, the chain from packed bytes beside numpy and OpenCV
 	cargo bench --locked --bench speed
-	python benches/numpy_chain.py
+	OPENBLAS_NUM_THREADS=1 python benches/numpy_chain.py
 
 measures: .venv/.tools  ## accuracy of simulated scenes, against their truth
 	cargo bench --locked --bench accuracy
