@@ -13,10 +13,10 @@ export PIP_QUIET := 1
 export PROPTEST_RNG_SEED ?= 2017
 unexport CONDA_PREFIX PYTHONPATH PYTHONHOME
 
-.PHONY: help demo recordings test test-rust test-python bench measures fuzz lint format clean
+.PHONY: help demo recordings test test-rust test-python aarch64 bench measures fuzz lint format clean
 
 help:  ## what can be made
-	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 20
+	@sed -n 's/^\([a-z0-9-]*\):[^#]*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 20
 
 demo: .venv/.installed  ## build, install into .venv, and watch six throws over a floor and a box of glass
 	@physinc run demo
@@ -33,9 +33,12 @@ test-rust:
 test-python: .venv/.installed
 	python -m pytest
 
-bench: .venv/.bench  ## time: a frame and a position beside memcpy, numpy and OpenCV
+aarch64:  ## the library on aarch64 under qemu-user: tests, instructions a frame (what it needs: rust/tests/aarch64/count)
+	rust/tests/aarch64/count
+
+bench: .venv/.bench  ## time: a frame beside memcpy, the chain from packed bytes beside numpy and OpenCV
 	cargo bench --locked --bench speed
-	python benches/numpy_chain.py
+	OPENBLAS_NUM_THREADS=1 python benches/numpy_chain.py
 
 measures: .venv/.tools  ## accuracy of simulated scenes, against their truth
 	cargo bench --locked --bench accuracy

@@ -43,6 +43,7 @@ from .config import (
     ObjectConfig,
     TrackingConfig,
 )
+from .disparity import unpack_disparity
 from .errors import (
     ConfigError,
     DeviceNotFoundError,
@@ -102,4 +103,5 @@ __all__ = [
     "fit_sphere",
     "solve_contact",
     "stream",
+    "unpack_disparity",
 ]

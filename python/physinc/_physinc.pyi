@@ -44,6 +44,7 @@ __all__ = [
     "scenes",
     "simulate",
     "solve_contact",
+    "unpack_disparity",
 ]
 
 _Array: TypeAlias = NDArray[np.float64]
@@ -864,5 +865,6 @@ def solve_contact(
     sd: float | None,
 ) -> ContactFit | None: ...
 def fit_planes(contacts: Iterable[Contact | ContactFit], radius: float | None, gravity: Any, spin_sd: float) -> list[PlaneFit]: ...
+def unpack_disparity(packed: NDArray[np.uint8], bits: int, samples: NDArray[np.uint16]) -> None: ...
 
 __version__: str

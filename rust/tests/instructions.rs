@@ -1,6 +1,7 @@
 //! How many instructions a frame takes, packed bytes to position: `cargo test --release --test instructions`.
 //!
-//! Unlike times, these are the same on every machine that has the same instructions; callgrind counts them in a child process.
+//! Unlike times, these are the same on every machine that has the same instructions; callgrind counts them in a child process. For aarch64
+//! `rust/tests/aarch64/count` does, under qemu-user.
 
 use std::path::Path as File;
 use std::process::Command;
@@ -23,6 +24,8 @@ const RADIUS: f64 = 0.033;
 /// Width of the noise of one pixel, before it is averaged: half a unit remains.
 const NOISE: f64 = 12.0;
 const OF: &str = "PHYSINC_INSTRUCTIONS_OF";
+/// How often the balls are seen: who can't count [`counted_frame`] alone takes the difference of two runs.
+const ROUNDS: &str = "PHYSINC_INSTRUCTIONS_ROUNDS";
 
 fn camera() -> Camera {
     Camera::from_config(&CameraConfig::default(), DepthCode::Disparity { law: KINECT_DISPARITY_LAW }).expect("a Kinect's keys")
@@ -75,12 +78,16 @@ fn work() {
     for packed in &frames {
         seeing.see(Image::Packed { packed, packing: Packing::Eleven }, &mut detections).expect("the camera's image");
     }
-    for i in 0..BALLS {
-        let center = Vec3::new(-0.2 + 0.0613 * i as f64, 0.1 - 0.0417 * i as f64, 1.5);
-        let frame = packed(&camera, Some(center), &mut random);
-        let row = (camera.project(&center).expect("in view").1) as usize;
-        let band = Band { rows: row - 40..row + 40, balls: 1 };
-        let whole = counted_frame(&mut seeing, &frame, if tracked { std::slice::from_ref(&band) } else { &[] }, &mut detections);
+    let balls: Vec<_> = (0..BALLS)
+        .map(|i| {
+            let center = Vec3::new(-0.2 + 0.0613 * i as f64, 0.1 - 0.0417 * i as f64, 1.5);
+            let row = (camera.project(&center).expect("in view").1) as usize;
+            (center, Band { rows: row - 40..row + 40, balls: 1 }, packed(&camera, Some(center), &mut random))
+        })
+        .collect();
+    let rounds = std::env::var(ROUNDS).map_or(1, |rounds| rounds.parse().expect("a number"));
+    for (center, band, frame) in (0..rounds).flat_map(|_| &balls) {
+        let whole = counted_frame(&mut seeing, frame, if tracked { std::slice::from_ref(band) } else { &[] }, &mut detections);
         assert!(whole != tracked && detections.len() == 1 && (detections[0].center - center).norm() < 0.005, "{detections:?}");
     }
 }

@@ -36,11 +36,18 @@ fn assembles_a_frame() -> Option<bool> {
     let mut assembler = Assembler::new(packing, [0; Packing::Eleven.frame_bytes()]).ok()?;
     let (packets, mut packet, mut holes) = (packing.packets(), [0; HEADER + DEPTH_PAYLOAD], None);
     for index in (0..packets).filter(|index| *index != 7) {
-        let place = if index == 0 { Place::First } else if index + 1 == packets { Place::Last } else { Place::Middle };
+        let place = if index == 0 {
+            Place::First
+        } else if index + 1 == packets {
+            Place::Last
+        } else {
+            Place::Middle
+        };
         let payload = DEPTH_PAYLOAD.min(packing.frame_bytes() - index * DEPTH_PAYLOAD);
         let header = Header { stream: Stream::Depth, place, sequence: black_box(index as u8), timestamp_ticks: 6_000_000 };
         packet.first_chunk_mut().map(|start| *start = header.emit(payload as u16))?;
-        assembler.push(packet.get(..HEADER + payload)?, 0, &mut |frame| holes = Some((frame.timestamp_ns, frame.missing().count(), frame.lost)));
+        assembler
+            .push(packet.get(..HEADER + payload)?, 0, &mut |frame| holes = Some((frame.timestamp_ns, frame.missing().count(), frame.lost)));
     }
     Some(holes? == (100_000_000, 1, 1))
 }

@@ -2,6 +2,7 @@
 
 mod array;
 mod config;
+mod disparity;
 mod error;
 mod event;
 mod functions;
@@ -21,6 +22,8 @@ use pyo3::prelude::*;
 mod _physinc {
     #[pymodule_export]
     use super::config::dump_config;
+    #[pymodule_export]
+    use super::disparity::unpack_disparity;
     #[pymodule_export]
     use super::event::{
         Above, CameraModel, CameraOrientation, Contact, Counters, Gap, Inconsistency, Position, StreamEnded, StreamStarted, Surface,
