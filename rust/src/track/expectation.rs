@@ -79,10 +79,10 @@ impl Expectation {
             since: last.t,
             measured: track.samples().last().map_or(last.t, |s| s.t),
             gravity: (around.gravity.mean, around.gravity.spread() / around.gravity.mean.norm_squared()),
-            twice: track.contact_before().map_or(f64::INFINITY, |contact| {
+            twice: track.rebound().map_or(f64::INFINITY, |(time, velocity)| {
                 // Up and down again, and then once more with less.
-                let flight = 2.0 * -around.gravity.mean.dot(&contact.after) / around.gravity.mean.norm_squared();
-                contact.time + (1.0 + RESTITUTION.0) * flight.max(0.0)
+                let flight = 2.0 * -around.gravity.mean.dot(&velocity) / around.gravity.mean.norm_squared();
+                time + (1.0 + RESTITUTION.0) * flight.max(0.0)
             }),
             blurred: if track.hints().is_empty() { 0.0 } else { sqrt(blur(track.radius)) },
             speed,

@@ -1,7 +1,7 @@
 //! Which law a track obeys at the moment, and what happened where it stopped obeying: a wild frame, a contact, support by a
 //! surface, or something that no law explains.
 
-use crate::math::{Mat3, exp, sqrt};
+use crate::math::{Mat3, Vec3, exp, sqrt};
 use crate::physics::contact::{Contact, Solver};
 use crate::physics::flight::{Flight, Prediction};
 use crate::physics::inconsistency::{Inconsistency, WhitenedTest};
@@ -68,12 +68,13 @@ pub struct Motion {
     test: WhitenedTest,
     fit: Option<Flight>,
     pending: Option<Pending>,
+    rebound: Option<(f64, Vec3)>,
 }
 
 impl Motion {
     /// Begins with a flight at time `since` (s); `false_alarm` is the whitened test's, for the whole track.
     pub fn new(since: f64, false_alarm: f64) -> Self {
-        Self { phase: Phase::Flying, since, test: WhitenedTest::new(false_alarm), fit: None, pending: None }
+        Self { phase: Phase::Flying, since, test: WhitenedTest::new(false_alarm), fit: None, pending: None, rebound: None }
     }
 
     /// The state by the law that holds now, with its uncertainty; `None` where none does.
@@ -81,9 +82,9 @@ impl Motion {
         self.fit.as_ref().map(|fit| (fit, self.phase == Phase::Supported))
     }
 
-    /// The newest contact, while it is not final.
-    pub fn contact(&self) -> Option<&Contact> {
-        self.pending.as_ref().map(|pending| &pending.contact)
+    /// When (s) and how fast (m/s) the present flight began, if a contact began it.
+    pub fn rebound(&self) -> Option<(f64, Vec3)> {
+        self.rebound
     }
 
     /// Samples from this time (s) on agree with no law.
@@ -154,7 +155,7 @@ impl Motion {
     }
 
     fn restart(&mut self, phase: Phase, since: f64) {
-        (self.phase, self.since, self.fit) = (phase, since, None);
+        (self.phase, self.since, self.fit, self.rebound) = (phase, since, None, None);
     }
 
     /// How far the ball may still swing from its last impact, m.
@@ -253,6 +254,7 @@ impl Motion {
         let since = if again { self.pending.as_ref().map_or(self.since, |p| p.since) } else { self.since };
         let _ = findings.push(Finding::Touched(contact.clone(), again));
         self.restart(Phase::Flying, contact.time + around.duration);
+        self.rebound = Some((contact.time, contact.after));
         self.pending = Some(Pending { contact, since });
         self.refit(window, around);
     }

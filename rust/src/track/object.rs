@@ -2,7 +2,6 @@
 
 use crate::config::Method;
 use crate::math::{Mat3, Vec3};
-use crate::physics::contact::Contact;
 use crate::physics::flight::{Flight, Prediction, VELOCITY_SD};
 use crate::physics::law::{FreeFall, Law, State};
 use crate::physics::{Sample, between};
@@ -189,10 +188,10 @@ impl Track {
         }
     }
 
-    /// The contact that its present flight may have begun with.
-    pub fn contact_before(&self) -> Option<&Contact> {
+    /// When (s) and how fast (m/s) its present flight began, if a contact began it.
+    pub fn rebound(&self) -> Option<(f64, Vec3)> {
         match &self.watch {
-            Watch::Best(motion) => motion.contact(),
+            Watch::Best(motion) => motion.rebound(),
             Watch::Paper(_) => None,
         }
     }
