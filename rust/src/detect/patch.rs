@@ -94,7 +94,7 @@ impl Patch {
         let slope_x = (left? - right?) * (camera.fx * per_metre) as f32;
         let slope_y = (above? - below?) * (camera.fy * per_metre) as f32;
         let along = 1.0 - slope_x * (center.x / center.z) as f32 - slope_y * (center.y / center.z) as f32;
-        let valid = along.is_finite() && x > 0 && x + 1 < self.grid.columns;
+        let valid = along.is_finite() && x > 0 && x + 1 < self.grid.columns && y + 1 < self.grid.rows;
         valid.then_some((*here?, [slope_x, slope_y, along]))
     }
 }
