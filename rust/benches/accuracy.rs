@@ -6,8 +6,8 @@ mod judge;
 use judge::Score;
 use physinc::config::Method;
 
-/// Development looked at seeds 0 to 109; these it did not see.
-const FIRST_SEED: u64 = 5000;
+/// Development looked at seeds 0 to 109, and at 5000 to 5099 when whitening was cut; these it did not see.
+const FIRST_SEED: u64 = 6000;
 
 const SCENES: [(&str, &str); 8] = [
     ("touch 0 ms", "contact_duration=0"),

@@ -593,7 +593,7 @@ mod tests {
             assert_eq!(found[0].blob, Blob::Whole, "{center}");
             let error = found[0].center - center;
             // The pixels alone leave 0.1 px of the silhouette open, and linearisation some more.
-            assert!(error.norm() < 0.15 * center.z / camera.fx + 1e-4, "{error}");
+            assert!(error.norm() < 0.1 * center.z / camera.fx + 1e-4, "{error}");
             assert!((found[0].row - (center.y / center.z * camera.fy + camera.cy)).abs() < 0.1);
         }
     }
