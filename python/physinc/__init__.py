@@ -46,13 +46,19 @@ from .config import (
 from .disparity import unpack_disparity
 from .errors import (
     ConfigError,
+    DeviceBusyError,
+    DeviceDisconnectedError,
     DeviceNotFoundError,
+    DevicePermissionError,
+    DeviceReplyError,
+    DeviceTimeoutError,
     PhysincError,
     RecordingError,
     RecordingNotFoundError,
     StreamTimeoutError,
 )
 from .event import Event
+from .motor import Motor
 from .streaming import stream
 
 __all__ = [
@@ -66,7 +72,12 @@ __all__ = [
     "Contact",
     "ContactFit",
     "Counters",
+    "DeviceBusyError",
+    "DeviceDisconnectedError",
     "DeviceNotFoundError",
+    "DevicePermissionError",
+    "DeviceReplyError",
+    "DeviceTimeoutError",
     "EnvironmentConfig",
     "Event",
     "FlightFit",
@@ -79,6 +90,7 @@ __all__ = [
     "KnownSphere",
     "Law",
     "LawsConfig",
+    "Motor",
     "ObjectConfig",
     "PhysincError",
     "PlaneFit",
