@@ -227,7 +227,7 @@ pub fn open_source(
     };
     let (named, theirs) = (String::from(source), config.clone());
     let source = wait_for(py, move || crate::source::open(&named, &theirs, file.as_deref()))??;
-    let options = Options { positions, provisional, frames, duration };
+    let options = Options { positions, provisional, frames, duration, ..Options::default() };
     let run = Run::of(&*source, name.unwrap_or(source.name()), &config, options)?;
     Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout)
 }

@@ -1,8 +1,11 @@
 //! One stream from its first input to its last event: the engine, what the user wants to hear of it, and where it stops.
 
+mod queue;
 mod reader;
+mod step;
 
-pub use reader::{Next, Reader, Step};
+pub use reader::{Next, Reader};
+pub use step::Step;
 
 use crate::config::Config;
 use crate::engine::{Engine, Sink};
@@ -27,6 +30,8 @@ pub struct Options {
     pub frames: Option<u64>,
     /// Stop before the first input that is later than this after the first, s.
     pub duration: Option<f64>,
+    /// A live source waits for whoever listens instead of dropping what he is too slow for.
+    pub every_frame: bool,
 }
 
 /// The engine between `stream_started` and `stream_ended`.
@@ -100,7 +105,7 @@ impl Run {
                 engine.positions(timestamp_ns, positions, &mut tell);
             }
             Input::Packet { bytes, arrival_ns } => engine.packet_if(bytes, arrival_ns, &mut admit, &mut tell)?,
-            Input::Frame { .. } | Input::Positions { .. } => {}
+            Input::Frame { .. } | Input::Positions { .. } | Input::Silence => {}
         }
         let Some(begun) = begun else { return Ok(false) };
         self.busy += begun.elapsed();
@@ -126,6 +131,11 @@ impl Run {
     /// The camera of its frames; `None` for positions.
     pub fn camera(&self) -> Option<CameraModel> {
         self.started.camera
+    }
+
+    /// What is told, and how much is read.
+    pub fn options(&self) -> Options {
+        self.options
     }
 
     /// Some input came.
