@@ -92,7 +92,7 @@ def run(
         Print the configuration in force (for SOURCE, if it is given), and exit.
 
     """
-    del every_frame, reconnect
+    del reconnect
     if dump_config:
         sys.stdout.write(configuration_in_force(None if source is None else path_of(source), config, camera))
         return 0
@@ -107,6 +107,7 @@ def run(
         provisional=provisional,
         frames=frames,
         duration=duration,
+        every_frame=every_frame,
         timeout=timeout,
     )
     interrupted = False
