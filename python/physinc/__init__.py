@@ -14,6 +14,7 @@ from ._physinc import (
     ContactFit,
     Counters,
     FlightFit,
+    Frame,
     Gap,
     Inconsistencies,
     Inconsistency,
@@ -46,13 +47,19 @@ from .config import (
 from .disparity import unpack_disparity
 from .errors import (
     ConfigError,
+    DeviceBusyError,
+    DeviceDisconnectedError,
     DeviceNotFoundError,
+    DevicePermissionError,
+    DeviceReplyError,
+    DeviceTimeoutError,
     PhysincError,
     RecordingError,
     RecordingNotFoundError,
     StreamTimeoutError,
 )
 from .event import Event
+from .motor import Motor
 from .streaming import stream
 
 __all__ = [
@@ -66,10 +73,16 @@ __all__ = [
     "Contact",
     "ContactFit",
     "Counters",
+    "DeviceBusyError",
+    "DeviceDisconnectedError",
     "DeviceNotFoundError",
+    "DevicePermissionError",
+    "DeviceReplyError",
+    "DeviceTimeoutError",
     "EnvironmentConfig",
     "Event",
     "FlightFit",
+    "Frame",
     "Gap",
     "Inconsistencies",
     "Inconsistency",
@@ -79,6 +92,7 @@ __all__ = [
     "KnownSphere",
     "Law",
     "LawsConfig",
+    "Motor",
     "ObjectConfig",
     "PhysincError",
     "PlaneFit",

@@ -16,6 +16,7 @@ __all__ = [
     "ContactFit",
     "Counters",
     "FlightFit",
+    "Frame",
     "Gap",
     "Inconsistencies",
     "Inconsistency",
@@ -584,6 +585,23 @@ class Track:
         """
 
 @final
+class Frame:
+    """A depth image, copied: it stays as it is."""
+
+    @property
+    def timestamp_ns(self) -> int:
+        """Its stamp, ns on the stream's clock."""
+    @property
+    def frame(self) -> int:
+        """Its index as delivered, from 0."""
+    @property
+    def depth_mm(self) -> NDArray[np.uint16]:
+        """Depth [H, W], mm; 0 where there is no reading."""
+    @property
+    def disparity(self) -> NDArray[np.uint16] | None:
+        """What the camera sent [H, W]: raw disparity, 2047 where there is no reading; `None` where its images are depth."""
+
+@final
 class Stream:
     """An iterator of events, and a context manager."""
 
@@ -604,6 +622,12 @@ class Stream:
     @property
     def remarks(self) -> list[str]:
         """What the user should know of the source, once the stream is over, a line each."""
+    @property
+    def frame(self) -> Frame | None:
+        """The newest image of a stream with `frames=True`, if there was one; it may be ahead of the events.
+
+        Raises ValueError where images were not asked for.
+        """
     @property
     def tracks(self) -> dict[int, Track]:
         """The live tracks by number, as of the last event."""
@@ -808,11 +832,15 @@ def open_source(
     camera: _Camera,
     positions: bool,
     provisional: bool,
+    images: bool,
     frames: int | None,
     duration: float | None,
+    every_frame: bool,
     timeout: float | None,
 ) -> Stream: ...
-def open_iterable(items: Iterable[Any], *, config: _Config, camera: _Camera, positions: bool, provisional: bool) -> Stream: ...
+def open_iterable(
+    items: Iterable[Any], *, config: _Config, camera: _Camera, positions: bool, provisional: bool, images: bool
+) -> Stream: ...
 def dump_config(source: str | None = None, config: _Config = None, camera: _Camera = None) -> str: ...
 def event_from_toml(text: str) -> _Event: ...
 

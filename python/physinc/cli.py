@@ -14,7 +14,8 @@ from . import __version__
 from ._physinc import dump_config as configuration_in_force
 from ._physinc import open_recording
 from ._physinc import simulate as simulate_scene
-from .errors import ConfigError, DeviceNotFoundError, PhysincError
+from .errors import ConfigError, DeviceDisconnectedError, DeviceNotFoundError, PhysincError
+from .motor_commands import led, tilt
 from .narration import Narration, Progress
 from .streaming import open_named, path_of
 
@@ -26,7 +27,7 @@ app = App(
 
     Try `physinc run demo`: a ball is thrown over a floor and a box of glass.
 
-    Exit codes: 0 the source ended, 1 it broke, 2 usage or configuration, 3 no device, 130 Ctrl-C.""",
+    Exit codes: 0 the source ended, 1 it broke, 2 usage or configuration, 3 no device, 4 disconnected, 130 Ctrl-C.""",
 )
 
 
@@ -35,6 +36,9 @@ def no_option(_: Any, source: str | None) -> None:
     if source is not None and source.startswith("-") and source != "-":
         raise ValueError(f"there is no option {source}")
 
+
+EXIT_CODES = {ConfigError: 2, DeviceNotFoundError: 3, DeviceDisconnectedError: 4}
+"""Of what else goes wrong it is 1."""
 
 Flag = Parameter(negative="", show_default=False)
 
@@ -88,7 +92,7 @@ def run(
         Print the configuration in force (for SOURCE, if it is given), and exit.
 
     """
-    del every_frame, reconnect
+    del reconnect
     if dump_config:
         sys.stdout.write(configuration_in_force(None if source is None else path_of(source), config, camera))
         return 0
@@ -103,6 +107,7 @@ def run(
         provisional=provisional,
         frames=frames,
         duration=duration,
+        every_frame=every_frame,
         timeout=timeout,
     )
     interrupted = False
@@ -196,6 +201,10 @@ def simulate(scene: str, out: Path, /) -> int:
     return 0
 
 
+for command in (tilt, led):
+    app.command(command)
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; its exit code."""
     try:
@@ -210,4 +219,4 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
     except (PhysincError, OSError) as error:
         sys.stderr.write(f"physinc: {error}\n")
-        return 2 if isinstance(error, ConfigError) else 3 if isinstance(error, DeviceNotFoundError) else 1
+        return next((code for kind, code in EXIT_CODES.items() if isinstance(error, kind)), 1)

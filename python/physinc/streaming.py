@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from ._physinc import Position, Stream, open_iterable, open_source
 from .config import CameraConfig, Config
-from .errors import ConfigError
 
 Depth: TypeAlias = NDArray[np.uint16] | NDArray[np.float32]
 """A depth image [H, W]: uint16 in mm, 0 where there is no reading, or float32 in m, NaN where there is none."""
@@ -49,6 +48,8 @@ def stream(
     `CameraConfig`, which wins over the file beside a recording.
 
     With `positions` every position is told, with `provisional` also events that a later one will replace.
+    With `frames` the stream's `frame` is the newest depth image, whatever the events have come to: images that nobody looked at are gone,
+    events are not.
     After `timeout` seconds without input `StreamTimeoutError` is raised (`None`: wait as long as it takes); iterables are waited for.
     `reconnect` concerns live devices only; recordings end.
 
@@ -56,14 +57,14 @@ def stream(
     after `stream_ended` (reason `disconnected`) if the stream had begun.
     """
     del reconnect
-    if frames:
-        raise ConfigError("frames = True: this version doesn't hand out images; expected False")
     config, camera = _plain(config), _plain(camera)
     if source is None:
         source = "kinect"
     if isinstance(source, (str, os.PathLike)):
-        return open_named(source, config=config, camera=camera, positions=positions, provisional=provisional, timeout=timeout)
-    return open_iterable(source, config=config, camera=camera, positions=positions, provisional=provisional)
+        return open_named(
+            source, config=config, camera=camera, positions=positions, provisional=provisional, images=frames, timeout=timeout
+        )
+    return open_iterable(source, config=config, camera=camera, positions=positions, provisional=provisional, images=frames)
 
 
 def open_named(
@@ -73,11 +74,16 @@ def open_named(
     camera: Any = None,
     positions: bool = False,
     provisional: bool = False,
+    images: bool = False,
     frames: int | None = None,
     duration: float | None = None,
+    every_frame: bool = False,
     timeout: float | None = 2.0,
 ) -> Stream:
-    """Open a source by name, as the command line does: at most `frames` inputs, and `duration` seconds of them."""
+    """Open a source by name, as the command line does: at most `frames` inputs, and `duration` seconds of them.
+
+    A live device waits for the reader with `every_frame`.
+    """
     name = os.fspath(source)
     return open_source(
         path_of(name),
@@ -86,8 +92,10 @@ def open_named(
         camera=camera,
         positions=positions,
         provisional=provisional,
+        images=images,
         frames=frames,
         duration=duration,
+        every_frame=every_frame,
         timeout=timeout,
     )
 

@@ -120,22 +120,22 @@ impl<'b> Engine<'b> {
     /// # Errors
     /// The engine is not for packets.
     pub fn packet(&mut self, bytes: &[u8], arrival_ns: i64, sink: &mut dyn FnMut(Event)) -> Result<(), SeeError> {
-        self.packet_if(bytes, arrival_ns, &mut |_, _| true, sink)
+        self.packet_if(bytes, arrival_ns, &mut |_, _, _| true, sink)
     }
 
-    /// Takes in a packet; a frame that it ends is passed over where `wanted`, handed its stamp and the sink, says so.
+    /// Takes in a packet; a frame that it ends is passed over unless `wanted`, handed its stamp, itself and the sink, says so.
     pub(crate) fn packet_if(
         &mut self,
         bytes: &[u8],
         arrival_ns: i64,
-        wanted: &mut dyn FnMut(i64, &mut Sink<'_>) -> bool,
+        wanted: &mut dyn FnMut(i64, Image<'_>, &mut Sink<'_>) -> bool,
         sink: &mut dyn FnMut(Event),
     ) -> Result<(), SeeError> {
         // The frame is seen in the assembler's buffer, while the rest of the engine is at work.
         let Some(mut assembler) = self.assembler.take() else { return Err(SeeError::Kind) };
         let mut outcome = Ok(());
         assembler.push(bytes, arrival_ns, &mut |frame| {
-            if wanted(frame.timestamp_ns, sink) {
+            if wanted(frame.timestamp_ns, Image::Packed { packed: frame.packed, packing: frame.packing }, sink) {
                 outcome = self.assembled(&frame, sink);
             }
         });

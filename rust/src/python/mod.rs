@@ -5,6 +5,7 @@ mod config;
 mod disparity;
 mod error;
 mod event;
+mod frame;
 mod functions;
 mod iterable;
 mod law;
@@ -29,6 +30,8 @@ mod _physinc {
         Above, CameraModel, CameraOrientation, Contact, Counters, Gap, Inconsistency, Position, StreamEnded, StreamStarted, Surface,
         TrackEnded, TrackStarted, event_from_toml,
     };
+    #[pymodule_export]
+    use super::frame::Frame;
     #[pymodule_export]
     use super::functions::{accelerations, find_inconsistencies, fit_flight, fit_sphere, solve_contact};
     #[pymodule_export]

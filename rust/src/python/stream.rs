@@ -4,12 +4,13 @@ use super::array::{array1, array2};
 use super::config::{self, CameraSource};
 use super::error::StreamTimeoutError;
 use super::event::{self, Counters};
+use super::frame::Frame;
 use super::iterable::Iterable;
 use super::waiting::{SLICE, wait_for};
 use crate::event::Event;
 use crate::math::rows;
 use crate::reasoning::Predictor;
-use crate::run::{Next, Options, Reader, Run, Step};
+use crate::run::{Latest, Next, Options, Reader, Run, Step};
 use crate::time;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -17,7 +18,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::format;
 use std::string::String;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use std::vec::Vec;
 
@@ -29,6 +30,13 @@ pub struct Stream {
     closed: AtomicBool,
     interrupted: AtomicBool,
     now: Mutex<Now>,
+    shown: Option<Shown>,
+}
+
+/// Images, if they are wanted.
+struct Shown {
+    latest: Arc<Latest>,
+    newest: Mutex<Option<Py<Frame>>>,
 }
 
 #[allow(clippy::large_enum_variant)] // There are few streams.
@@ -119,6 +127,19 @@ impl Stream {
         }
     }
 
+    /// The newest image, if images are wanted and there was one; it may be ahead of the events.
+    #[getter]
+    fn frame(&self, py: Python<'_>) -> PyResult<Option<Py<Frame>>> {
+        let Some(Shown { latest, newest }) = &self.shown else {
+            return Err(PyValueError::new_err("images are handed out by physinc.stream(..., frames=True)"));
+        };
+        let mut newest = newest.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(picture) = latest.take() {
+            *newest = Some(Py::new(py, Frame::new(picture))?);
+        }
+        Ok(newest.as_ref().map(|frame| frame.clone_ref(py)))
+    }
+
     /// The live tracks by number, as of the last event.
     #[getter]
     fn tracks(&self) -> BTreeMap<u32, Track> {
@@ -127,13 +148,14 @@ impl Stream {
 }
 
 impl Stream {
-    fn new(feed: Feed, timeout: Option<f64>) -> PyResult<Self> {
+    fn new(feed: Feed, timeout: Option<f64>, latest: Option<Arc<Latest>>) -> PyResult<Self> {
         let timeout = match timeout {
             None => None,
             Some(seconds) if seconds > 0.0 => Duration::try_from_secs_f64(seconds).ok(),
             Some(seconds) => return Err(PyValueError::new_err(format!("timeout = {seconds}: expected seconds above 0, or None"))),
         };
-        Ok(Self { feed, timeout, closed: AtomicBool::new(false), interrupted: AtomicBool::new(false), now: Mutex::default() })
+        let shown = latest.map(|latest| Shown { latest, newest: Mutex::default() });
+        Ok(Self { feed, timeout, closed: AtomicBool::new(false), interrupted: AtomicBool::new(false), now: Mutex::default(), shown })
     }
 
     fn now(&self) -> MutexGuard<'_, Now> {
@@ -202,8 +224,8 @@ impl Track {
 
 /// Opens a source by name. `name` is what the stream calls it.
 #[pyfunction]
-#[pyo3(signature = (source, *, name, config, camera, positions, provisional, frames, duration, timeout))]
-#[allow(clippy::too_many_arguments)] // They are Python's.
+#[pyo3(signature = (source, *, name, config, camera, positions, provisional, images, frames, duration, every_frame, timeout))]
+#[allow(clippy::too_many_arguments, clippy::fn_params_excessive_bools)] // They are Python's.
 pub fn open_source(
     py: Python<'_>,
     source: &str,
@@ -212,8 +234,10 @@ pub fn open_source(
     camera: Option<&Bound<'_, PyAny>>,
     positions: bool,
     provisional: bool,
+    images: bool,
     frames: Option<u64>,
     duration: Option<f64>,
+    every_frame: bool,
     timeout: Option<f64>,
 ) -> PyResult<Stream> {
     let mut config = config::config(config)?;
@@ -227,20 +251,25 @@ pub fn open_source(
     };
     let (named, theirs) = (String::from(source), config.clone());
     let source = wait_for(py, move || crate::source::open(&named, &theirs, file.as_deref()))??;
-    let options = Options { positions, provisional, frames, duration };
-    let run = Run::of(&*source, name.unwrap_or(source.name()), &config, options)?;
-    Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout)
+    let options = Options { positions, provisional, frames, duration, every_frame };
+    let mut run = Run::of(&*source, name.unwrap_or(source.name()), &config, options)?;
+    let latest = images.then(Arc::<Latest>::default);
+    if let Some(latest) = &latest {
+        run.show(Arc::clone(latest));
+    }
+    Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout, latest)
 }
 
 /// Takes frames or positions from a Python iterable.
 #[pyfunction]
-#[pyo3(signature = (items, *, config, camera, positions, provisional))]
+#[pyo3(signature = (items, *, config, camera, positions, provisional, images))]
 pub fn open_iterable(
     items: &Bound<'_, PyAny>,
     config: Option<&Bound<'_, PyAny>>,
     camera: Option<&Bound<'_, PyAny>>,
     positions: bool,
     provisional: bool,
+    images: bool,
 ) -> PyResult<Stream> {
     let mut config = config::config(config)?;
     config.camera = match config::camera(camera)? {
@@ -250,5 +279,6 @@ pub fn open_iterable(
     };
     config.validate()?;
     let options = Options { positions, provisional, ..Options::default() };
-    Stream::new(Feed::Iterable(Mutex::new(Iterable::new(items, config, options)?)), None)
+    let latest = images.then(Arc::<Latest>::default);
+    Stream::new(Feed::Iterable(Mutex::new(Iterable::new(items, config, options, latest.clone())?)), None, latest)
 }

@@ -71,6 +71,8 @@ pub enum Input<'a> {
         /// When it arrived, ns on the host's clock.
         arrival_ns: i64,
     },
+    /// Nothing came for a while; who reads may stop.
+    Silence,
 }
 
 /// What a source of packets knows of their Kinect.
@@ -93,6 +95,11 @@ pub trait Source: Send {
     /// The Kinect whose packets it delivers; `None` where it delivers frames or positions.
     fn kinect(&self) -> Option<Kinect> {
         None
+    }
+
+    /// It goes on whether anyone reads or not, and is never silent for longer than 50 ms without saying [`Input::Silence`].
+    fn is_live(&self) -> bool {
+        false
     }
 
     /// What the user should know of it so far, a line each.
