@@ -14,6 +14,8 @@ Event: TypeAlias = (
     | p.Surface
     | p.CameraOrientation
     | p.Gap
+    | p.Disconnected
+    | p.Reconnected
     | p.StreamEnded
 )
 """Any event."""
