@@ -7,6 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter, validators
 
+from .level import named
 from .motor import TILT_LIMIT_DEG, Led, Motor
 
 Which = Annotated[str | None, Parameter(name="--kinect", show_default=False)]
@@ -30,7 +31,7 @@ def tilt(
         Serial number, or an index as in `physinc devices`; left out, the first one.
 
     """
-    with Motor(named(kinect)) as motor:
+    with Motor(kinect and named(kinect)) as motor:
         if degrees is not None:
             motor.tilt(degrees)
         state = motor.state()
@@ -52,11 +53,6 @@ def led(color: Led, /, *, kinect: Which = None) -> int:
         Serial number, or an index as in `physinc devices`; left out, the first one.
 
     """
-    with Motor(named(kinect)) as motor:
+    with Motor(kinect and named(kinect)) as motor:
         motor.led(color)
     return 0
-
-
-def named(kinect: str | None) -> str | int | None:
-    """One digit is an index, anything longer a serial number."""
-    return int(kinect) if kinect is not None and len(kinect) == 1 and kinect.isdecimal() else kinect
