@@ -85,11 +85,11 @@ def test_kinects_are_chosen_by_index_and_serial_number(attach: Any) -> None:
     lone = (0x2B0, 0x105, (1, 1), None)
     bus = attach(CAMERA, AUDIO, MOTOR, *second, lone)
     # By bus and port; one without a camera comes last.
-    expected: dict[Any, int] = {None: 4, 0: 4, 1: 2, 2: 6, "A001": 2, "B002": 4}
+    expected: dict[Any, int] = {None: 4, 0: 4, "1": 2, 2: 6, "A001": 2, "B002": 4, "1-2.3": 2, "1-1.2.3": 4}
     for serial, index in expected.items():
         with physinc.Motor(serial) as motor:
             assert motor._device._ctx.dev is bus.devices[index], serial
-    for serial in (3, -1, "C003"):
+    for serial in (3, -1, "C003", "1-2.4"):
         with pytest.raises(physinc.DeviceNotFoundError, match="there are 3"):
             physinc.Motor(serial)
 

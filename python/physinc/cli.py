@@ -14,6 +14,7 @@ from . import __version__
 from ._physinc import dump_config as configuration_in_force
 from ._physinc import open_recording
 from ._physinc import simulate as simulate_scene
+from .device_commands import devices, doctor
 from .errors import ConfigError, DeviceDisconnectedError, DeviceNotFoundError, PhysincError
 from .level import Level
 from .motor_commands import led, tilt
@@ -206,7 +207,7 @@ def simulate(scene: str, out: Path, /) -> int:
     return 0
 
 
-for command in (tilt, led):
+for command in (tilt, led, devices, doctor):
     app.command(command)
 
 

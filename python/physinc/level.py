@@ -35,7 +35,7 @@ def gravity_of(source: object, level: Level | None) -> list[float] | None:
         raise ConfigError(
             f"level = 'accelerometer': {what} has none, only a live Kinect has (a recording keeps what it said in camera.toml)"
         )
-    with Motor(named(source.partition(":")[2] or "0")) as motor:
+    with Motor(source.partition(":")[2] or 0) as motor:
         at_rest(motor)
         gravity = motor.accelerometer(READINGS)
     size = float(np.linalg.norm(gravity))
@@ -50,8 +50,3 @@ def at_rest(motor: Motor) -> State:
     while (state := motor.state()).status == "moving" and time.monotonic() < until:
         time.sleep(POLL)
     return state
-
-
-def named(kinect: str) -> str | int:
-    """One digit is an index, anything longer a serial number."""
-    return int(kinect) if len(kinect) == 1 and kinect.isdecimal() else kinect

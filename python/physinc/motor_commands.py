@@ -7,7 +7,6 @@ from typing import Annotated
 
 from cyclopts import Parameter, validators
 
-from .level import named
 from .motor import TILT_LIMIT_DEG, Led, Motor
 
 Which = Annotated[str | None, Parameter(name="--kinect", show_default=False)]
@@ -28,10 +27,10 @@ def tilt(
     degrees
         -27 to 27; 0 looks level, even if its foot doesn't stand so.
     kinect
-        Serial number, or an index as in `physinc devices`; left out, the first one.
+        Serial number, place (1-2.3) or index, as in `physinc devices`; left out, the first one.
 
     """
-    with Motor(kinect and named(kinect)) as motor:
+    with Motor(kinect) as motor:
         if degrees is not None:
             motor.tilt(degrees)
         state = motor.state()
@@ -50,9 +49,9 @@ def led(color: Led, /, *, kinect: Which = None) -> int:
     color
         off, green, red, yellow, blink_green or blink_red_yellow.
     kinect
-        Serial number, or an index as in `physinc devices`; left out, the first one.
+        Serial number, place (1-2.3) or index, as in `physinc devices`; left out, the first one.
 
     """
-    with Motor(kinect and named(kinect)) as motor:
+    with Motor(kinect) as motor:
         motor.led(color)
     return 0
