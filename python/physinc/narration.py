@@ -86,6 +86,9 @@ class Narration:
                 self.surfaces[event.id] = event
             case p.CameraOrientation():
                 self.orientation = event
+            case p.LevelDisagreement():
+                angle = f"{math.degrees(event.angle):.1f}{_sd(event.sd, 180 / math.pi, 1)}°"
+                self._line(event.timestamp_ns, f"[yellow]the accelerometer is {angle} off what {_count(event.flights, 'flight')} show[/]")
             case p.Gap():
                 self.lost += event.frames or 0
                 if event.reason == "packets_lost" and not event.frames:

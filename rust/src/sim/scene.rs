@@ -226,7 +226,19 @@ fn camera(p: &Parameters, focal_factor: f64, pose: Option<Pose>) -> Camera {
         Samples::Depth => DepthCode::Depth { units_per_metre: 1000.0 },
     };
     let focal = FOCAL * focal_factor;
-    Camera { width: 640, height: 480, fx: focal, fy: focal, cx: 319.5, cy: 239.5, code, max_depth: 10.0, readout: p.readout, pose }
+    Camera {
+        width: 640,
+        height: 480,
+        fx: focal,
+        fy: focal,
+        cx: 319.5,
+        cy: 239.5,
+        code,
+        max_depth: 10.0,
+        readout: p.readout,
+        pose,
+        gravity: None,
+    }
 }
 
 /// The stamp of unwrapped ticks, ns.
