@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fake_bus import attach  # noqa: F401 - a fixture
 from hypothesis import settings
 from numpy.typing import NDArray
 

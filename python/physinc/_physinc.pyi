@@ -21,6 +21,7 @@ __all__ = [
     "Gap",
     "Inconsistencies",
     "Inconsistency",
+    "LevelDisagreement",
     "PlaneFit",
     "Position",
     "Reconnected",
@@ -496,6 +497,49 @@ class CameraOrientation:
     def __reduce__(self) -> tuple[Any, tuple[str]]: ...
 
 @final
+class LevelDisagreement:
+    """Flights show that the accelerometer's level, `gravity_in_camera` of the configuration, is off. Told once in a stream."""
+
+    __match_args__ = ("gravity_in_camera", "gravity_by_accelerometer", "angle", "sd", "p_value", "flights")
+    @property
+    def event(self) -> Literal["level_disagreement"]:
+        """The event's name."""
+    @property
+    def timestamp_ns(self) -> int:
+        """Stamp of the newest input that it used, ns on the stream's clock."""
+    @property
+    def track(self) -> int | None:
+        """The track, from 1; None where none or all."""
+    @property
+    def final(self) -> bool:
+        """Nothing will replace it."""
+    @property
+    def gravity_in_camera(self) -> _Array:
+        """As the flights show it, camera frame, m/s²."""
+    @property
+    def gravity_by_accelerometer(self) -> _Array:
+        """As the accelerometer tells it, camera frame, m/s²."""
+    @property
+    def angle(self) -> float:
+        """Between the two, rad."""
+    @property
+    def sd(self) -> float:
+        """Standard deviation of `angle` if the two were one, rad: the flights' own, and 0.5° of an accelerometer that is right."""
+    @property
+    def p_value(self) -> float:
+        """Probability of such an angle then."""
+    @property
+    def flights(self) -> int:
+        """Flights that it rests on."""
+    def to_dict(self) -> dict[str, Any]:
+        """As plain Python values, the same as in JSON."""
+    def to_json(self) -> str:
+        """As one line of JSON."""
+    def __eq__(self, other: object, /) -> bool: ...
+    def __hash__(self) -> int: ...
+    def __reduce__(self) -> tuple[Any, tuple[str]]: ...
+
+@final
 class Gap:
     """Input is missing."""
 
@@ -634,6 +678,7 @@ _Event: TypeAlias = (
     | Contact
     | Surface
     | CameraOrientation
+    | LevelDisagreement
     | Gap
     | Disconnected
     | Reconnected
@@ -902,6 +947,7 @@ def open_source(
     positions: bool,
     provisional: bool,
     images: bool,
+    gravity: list[float] | None,
     frames: int | None,
     duration: float | None,
     every_frame: bool,

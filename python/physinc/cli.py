@@ -14,7 +14,9 @@ from . import __version__
 from ._physinc import dump_config as configuration_in_force
 from ._physinc import open_recording
 from ._physinc import simulate as simulate_scene
+from .device_commands import devices, doctor
 from .errors import ConfigError, DeviceDisconnectedError, DeviceNotFoundError, PhysincError
+from .level import Level
 from .motor_commands import led, tilt
 from .narration import Narration, Progress
 from .streaming import open_named, path_of
@@ -56,6 +58,7 @@ def run(
     frames: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
     duration: Annotated[float | None, Parameter(validator=validators.Number(gte=0))] = None,
     every_frame: Annotated[bool, Flag] = False,
+    level: Annotated[Level | None, Parameter(show_default=False)] = None,
     reconnect: Annotated[float | None, Parameter(validator=validators.Number(gte=0))] = None,
     dump_config: Annotated[bool, Flag] = False,
 ) -> int:
@@ -86,6 +89,8 @@ def run(
         Stop after so many seconds of the stream.
     every_frame
         Live devices wait instead of dropping frames; of recordings every frame is used anyway.
+    level
+        accelerometer: the world of a live Kinect is level by its own accelerometer; balls that fly otherwise are told.
     reconnect
         A device may be away for so many seconds: the stream goes on when it is back.
     dump_config
@@ -104,6 +109,7 @@ def run(
         camera=camera,
         positions=positions,
         provisional=provisional,
+        level=level,
         frames=frames,
         duration=duration,
         every_frame=every_frame,
@@ -201,7 +207,7 @@ def simulate(scene: str, out: Path, /) -> int:
     return 0
 
 
-for command in (tilt, led):
+for command in (tilt, led, devices, doctor):
     app.command(command)
 
 

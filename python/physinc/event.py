@@ -13,6 +13,7 @@ Event: TypeAlias = (
     | p.Contact
     | p.Surface
     | p.CameraOrientation
+    | p.LevelDisagreement
     | p.Gap
     | p.Disconnected
     | p.Reconnected

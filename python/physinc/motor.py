@@ -8,6 +8,7 @@ import errno
 import struct
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -16,6 +17,7 @@ import usb.util
 from numpy.typing import NDArray
 
 from . import parts
+from .doctor import RULE_FIX
 from .errors import (
     ConfigError,
     DeviceBusyError,
@@ -46,8 +48,6 @@ STANDARD_GRAVITY = 9.80665
 POLL = 0.1
 """s; a motor that starts says so within two of these."""
 
-UDEV = "`physinc doctor --udev | sudo tee /etc/udev/rules.d/60-physinc.rules`, then unplug it and plug it in again"
-
 
 class State(NamedTuple):
     """One reading."""
@@ -62,8 +62,9 @@ class State(NamedTuple):
 class Motor:
     """Tilt, LED and accelerometer of a Kinect v1, model 1414; a context manager.
 
-    `serial` is the serial number of its camera, or an index: Kinects are counted from 0 by bus and port, as `physinc devices` lists them.
-    Left out it is the first one with a motor. The camera may be streaming, in use by another program, or missing.
+    `serial` is the serial number of its camera, its place (`"1-2.3"`), or an index: Kinects are counted from 0 by bus and port, as
+    `physinc devices` lists them. Left out it is the first one with a motor. The camera may be streaming, in use by another program, or
+    missing.
 
     Raises `DeviceNotFoundError` (none there, or a model whose motor is behind firmware), `DevicePermissionError`, and, of each
     method, `DeviceTimeoutError`, `DeviceDisconnectedError` and `DeviceReplyError`.
@@ -166,14 +167,7 @@ def find(serial: str | int | None) -> Any:
     found = parts.kinects(attached())
     if not found:
         raise DeviceNotFoundError("no Kinect found: plug in its USB cable and its 12 V supply; `physinc doctor` says what is missing")
-    if serial is None:
-        chosen = next((kinect for kinect in found if parts.motor(kinect)), found[0])
-    elif isinstance(serial, int):
-        if not 0 <= serial < len(found):
-            raise DeviceNotFoundError(f"no Kinect {serial}: there {count(found)}, from 0; `physinc devices` lists them")
-        chosen = found[serial]
-    else:
-        chosen = with_serial(found, serial)
+    chosen = next((kinect for kinect in found if parts.motor(kinect)), found[0]) if serial is None else named(found, str(serial))
     motor = parts.motor(chosen)
     if motor is not None:
         return motor
@@ -196,19 +190,26 @@ def attached() -> list[Any]:
         raise DeviceNotFoundError("libusb finds no USB bus on this machine: `physinc doctor` says what is missing") from None
 
 
-def with_serial(found: list[list[Any]], serial: str) -> list[Any]:
-    """Return the Kinect whose camera has that number; of models whose camera has none, the audio part has."""
-    with told():
-        serials = [[part.serial_number for part in kinect if part.iSerialNumber] for kinect in found]
-    for kinect, numbers in zip(found, serials, strict=True):
-        if serial in numbers:
+def named(found: list[list[Any]], name: str) -> list[Any]:
+    """Return the Kinect of that serial number, at that place, or with that index."""
+    for kinect in found:
+        if any(name in (parts.path(part), serial_of(part)) for part in kinect):
             return kinect
-    raise DeviceNotFoundError(f"no Kinect with the serial number {serial}: there {count(found)}; `physinc devices` lists them")
+    if name.isdecimal() and int(name) < len(found):
+        return found[int(name)]
+    there = "there is 1" if len(found) == 1 else f"there are {len(found)}"
+    raise DeviceNotFoundError(f"no Kinect {name}: {there}; `physinc devices` lists them")
 
 
-def count(found: list[Any]) -> str:
-    """How many there are, with its verb."""
-    return "is 1" if len(found) == 1 else f"are {len(found)}"
+def serial_of(part: Any) -> str | None:
+    """Return a serial number: as the system has read it, for which nobody needs permission, else as the device tells."""
+    if not part.iSerialNumber:
+        return None
+    with contextlib.suppress(OSError):
+        return Path("/sys/bus/usb/devices", parts.path(part), "serial").read_text(encoding="ascii").strip()
+    with told():
+        serial: str | None = part.serial_number
+    return serial
 
 
 @contextlib.contextmanager
@@ -221,7 +222,7 @@ def told() -> Iterator[None]:
     except usb.core.USBError as error:
         match error.errno:
             case errno.EACCES | errno.EPERM:
-                raise DevicePermissionError(f"no permission for the Kinect's motor: {UDEV}") from error
+                raise DevicePermissionError(f"no permission for the Kinect's motor: {RULE_FIX}") from error
             case errno.EBUSY:
                 raise DeviceBusyError("another program holds the Kinect's motor: `physinc devices` says which") from error
             case errno.ENODEV | errno.ENOENT | errno.EIO:

@@ -27,10 +27,10 @@ def tilt(
     degrees
         -27 to 27; 0 looks level, even if its foot doesn't stand so.
     kinect
-        Serial number, or an index as in `physinc devices`; left out, the first one.
+        Serial number, place (1-2.3) or index, as in `physinc devices`; left out, the first one.
 
     """
-    with Motor(named(kinect)) as motor:
+    with Motor(kinect) as motor:
         if degrees is not None:
             motor.tilt(degrees)
         state = motor.state()
@@ -49,14 +49,9 @@ def led(color: Led, /, *, kinect: Which = None) -> int:
     color
         off, green, red, yellow, blink_green or blink_red_yellow.
     kinect
-        Serial number, or an index as in `physinc devices`; left out, the first one.
+        Serial number, place (1-2.3) or index, as in `physinc devices`; left out, the first one.
 
     """
-    with Motor(named(kinect)) as motor:
+    with Motor(kinect) as motor:
         motor.led(color)
     return 0
-
-
-def named(kinect: str | None) -> str | int | None:
-    """One digit is an index, anything longer a serial number."""
-    return int(kinect) if kinect is not None and len(kinect) == 1 and kinect.isdecimal() else kinect

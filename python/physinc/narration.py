@@ -86,16 +86,17 @@ class Narration:
                 self.surfaces[event.id] = event
             case p.CameraOrientation():
                 self.orientation = event
+            case p.LevelDisagreement():
+                angle = f"{math.degrees(event.angle):.1f}{_sd(event.sd, 180 / math.pi, 1)}°"
+                self._line(event.timestamp_ns, f"[yellow]the accelerometer is {angle} off what {_count(event.flights, 'flight')} show[/]")
             case p.Gap():
                 self.lost += event.frames or 0
                 if event.reason == "packets_lost" and not event.frames:
                     return  # Only parts of a frame are missing: the last line counts them.
                 seconds = (event.end_ns - event.start_ns) * 1e-9
                 self._line(event.start_ns, f"[yellow]nothing for {seconds:.3f} s ({event.reason.replace('_', ' ')})[/]")
-            case p.Disconnected():
-                self._line(event.timestamp_ns, f"[yellow]the device is gone ({event.reason.replace('_', ' ')})[/]")
-            case p.Reconnected():
-                self._line(event.timestamp_ns, "[yellow]the device is back[/]")
+            case p.Disconnected() | p.Reconnected():
+                self._line(event.timestamp_ns, f"[yellow]the device is {event.event} ({event.reason.replace('_', ' ')})[/]")
             case p.StreamEnded():
                 self.ended = event
 

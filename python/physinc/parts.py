@@ -24,10 +24,21 @@ BEYOND_1414 = (
 class Part(Protocol):
     """A USB device, as pyusb names what it says of itself."""
 
-    idProduct: int  # noqa: N815
-    bcdDevice: int  # noqa: N815
-    bus: int
-    port_numbers: tuple[int, ...] | None
+    @property
+    def idProduct(self) -> int:  # noqa: N802
+        """Of the USB product."""
+
+    @property
+    def bcdDevice(self) -> int:  # noqa: N802
+        """Its release."""
+
+    @property
+    def bus(self) -> int:
+        """Number of the bus."""
+
+    @property
+    def port_numbers(self) -> tuple[int, ...] | None:
+        """From the root hub on."""
 
 
 P = TypeVar("P", bound=Part)
@@ -36,6 +47,12 @@ P = TypeVar("P", bound=Part)
 def place(part: Part) -> tuple[int, tuple[int, ...]]:
     """Bus, and ports from the root hub on."""
     return part.bus, tuple(part.port_numbers or ())
+
+
+def path(part: Part) -> str:
+    """Bus and ports as the kernel writes them: `1-2.3`."""
+    bus, ports = place(part)
+    return f"{bus}-{'.'.join(map(str, ports))}"
 
 
 def kinects(parts: Iterable[P]) -> list[list[P]]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ._physinc import Position, Stream, open_iterable, open_source
 from .config import CameraConfig, Config
+from .level import Level, gravity_of
 
 Depth: TypeAlias = NDArray[np.uint16] | NDArray[np.float32]
 """A depth image [H, W]: uint16 in mm, 0 where there is no reading, or float32 in m, NaN where there is none."""
@@ -35,6 +36,7 @@ def stream(
     positions: bool = False,
     provisional: bool = False,
     frames: bool = False,
+    level: Level | None = None,
     timeout: float | None = 2.0,
     reconnect: bool = False,
 ) -> Stream:
@@ -51,6 +53,8 @@ def stream(
     With `positions` every position is told, with `provisional` also events that a later one will replace.
     With `frames` the stream's `frame` is the newest depth image, whatever the events have come to: images that nobody looked at are gone,
     events are not.
+    With `level="accelerometer"` the world of a live Kinect is level, as far as its accelerometer knows, unless `world_from_camera` is
+    given: z is up, y forward. Where thrown balls show another gravity, that is told (`level_disagreement`).
     After `timeout` seconds without input `StreamTimeoutError` is raised (`None`: wait as long as it takes); iterables are waited for.
     With `reconnect` a device that is unplugged is awaited, and the stream goes on; otherwise `DeviceDisconnectedError` is raised then.
 
@@ -68,9 +72,11 @@ def stream(
             positions=positions,
             provisional=provisional,
             images=frames,
+            level=level,
             reconnect=math.inf if reconnect else None,
             timeout=timeout,
         )
+    gravity_of(source, level)
     return open_iterable(source, config=config, camera=camera, positions=positions, provisional=provisional, images=frames)
 
 
@@ -82,6 +88,7 @@ def open_named(
     positions: bool = False,
     provisional: bool = False,
     images: bool = False,
+    level: Level | None = None,
     frames: int | None = None,
     duration: float | None = None,
     every_frame: bool = False,
@@ -101,6 +108,7 @@ def open_named(
         positions=positions,
         provisional=provisional,
         images=images,
+        gravity=gravity_of(name, level),
         frames=frames,
         duration=duration,
         every_frame=every_frame,

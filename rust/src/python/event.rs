@@ -247,6 +247,7 @@ event_classes! {
     }
     Surface { id, name, normal, offset, covariance, tilt, tilt_sd, contacts, outline, above, merged_into }
     CameraOrientation { id, gravity_in_camera, roll, pitch, covariance, flights }
+    LevelDisagreement { gravity_in_camera, gravity_by_accelerometer, angle, sd, p_value, flights }
     Gap { start_ns, end_ns, reason, frames, packets, samples }
     Disconnected { reason }
     Reconnected { reason }

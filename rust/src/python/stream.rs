@@ -227,9 +227,9 @@ impl Track {
     }
 }
 
-/// Opens a source by name. `name` is what the stream calls it.
+/// Opens a source by name. `name` is what the stream calls it, `gravity` what an accelerometer in its camera tells.
 #[pyfunction]
-#[pyo3(signature = (source, *, name, config, camera, positions, provisional, images, frames, duration, every_frame, reconnect, timeout))]
+#[pyo3(signature = (source, *, name, config, camera, positions, provisional, images, gravity, frames, duration, every_frame, reconnect, timeout))]
 #[allow(clippy::too_many_arguments, clippy::fn_params_excessive_bools)] // They are Python's.
 pub fn open_source(
     py: Python<'_>,
@@ -240,6 +240,7 @@ pub fn open_source(
     positions: bool,
     provisional: bool,
     images: bool,
+    gravity: Option<[f64; 3]>,
     frames: Option<u64>,
     duration: Option<f64>,
     every_frame: bool,
@@ -255,6 +256,7 @@ pub fn open_source(
         }
         CameraSource::Nowhere => None,
     };
+    config.camera.gravity_in_camera = gravity.or(config.camera.gravity_in_camera);
     let (named, theirs) = (String::from(source), config.clone());
     let mut source = wait_for(py, move || crate::source::open(&named, &theirs, file.as_deref()))??;
     if let Some(seconds) = reconnect {

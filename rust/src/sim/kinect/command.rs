@@ -1,0 +1,99 @@
+//! The command port: takes a command, and has its reply ready some polls later.
+
+use super::registers::Registers;
+use super::{Answer, Setup, Stall};
+use crate::kinect::calibration::ZeroPlane;
+use crate::kinect::command::{Command, HEADER, REPLY_SIZE, Reply, code};
+use std::collections::BTreeMap;
+use std::vec::Vec;
+
+/// bmRequestType of a command, and of a poll for its reply.
+const OUT: u8 = 0x40;
+const IN: u8 = 0xc0;
+/// So many polls find nothing yet, by turns: how many are real is not known, so that none may be counted on.
+const POLLS: [u8; 4] = [0, 1, 0, 3];
+/// Parameters that command 0x16 tells, and the bytes of each after the status word.
+const SHIFT: u16 = 0x00;
+const REGISTRATION: (u16, usize) = (0x40, 116);
+const REGISTRATION_PADDING: (u16, usize) = (0x41, 6);
+/// What the reply to command 0x04 has more from models other than 1414.
+const LONGER: usize = 12;
+
+/// The state of the port.
+#[derive(Clone, Debug)]
+pub struct Port {
+    zero_plane: ZeroPlane,
+    is_1414: bool,
+    cmos: BTreeMap<u16, u16>,
+    /// Polls to go, and the reply that waits.
+    waiting: Option<(u8, Vec<u8>)>,
+    taken: usize,
+}
+
+impl Port {
+    pub(super) fn new(zero_plane: ZeroPlane, is_1414: bool) -> Self {
+        Self { zero_plane, is_1414, cmos: BTreeMap::new(), waiting: None, taken: 0 }
+    }
+
+    /// A command or a poll.
+    pub(super) fn request(&mut self, setup: &Setup, out: &[u8], registers: &mut Registers) -> Answer {
+        match (setup.request_type, setup.request) {
+            (OUT, 0) => {
+                let command = Command::parse(out).map_err(|_| Stall)?;
+                let payload = self.reply(&command, registers)?;
+                let mut reply = std::vec![0; REPLY_SIZE];
+                let length = Reply { command: command.command, tag: command.tag, status: 0, payload: &payload }.emit(&mut reply);
+                reply.truncate(length.map_err(|_| Stall)?);
+                self.waiting = Some((POLLS[self.taken % POLLS.len()], reply));
+                self.taken += 1;
+                Ok(Vec::new())
+            }
+            (IN, 0) => Ok(match &mut self.waiting {
+                Some((polls @ 1.., _)) => {
+                    *polls -= 1;
+                    Vec::new()
+                }
+                waiting => waiting.take().map_or_else(Vec::new, |(_, reply)| reply),
+            }),
+            _ => Err(Stall),
+        }
+    }
+
+    /// What follows the status word of the reply.
+    fn reply(&mut self, command: &Command, registers: &mut Registers) -> Answer {
+        let words: Vec<u16> = command.payload.as_chunks().0.iter().map(|word| u16::from_le_bytes(*word)).collect();
+        match (command.command, &words[..]) {
+            (code::READ_REGISTER, [register]) => Ok(registers.read(*register).to_le_bytes().into()),
+            (code::WRITE_REGISTER, [register, value]) => {
+                registers.write(*register, *value);
+                Ok(Vec::new())
+            }
+            (code::FIXED_PARAMETERS, _) => {
+                let mut fixed = self.zero_plane.replies().0.to_vec();
+                fixed.resize(fixed.len() + if self.is_1414 { 0 } else { LONGER }, 0);
+                Ok(fixed)
+            }
+            (code::MODE_PARAMETERS, [SHIFT, ..]) => Ok(self.zero_plane.replies().1.into()),
+            (code::MODE_PARAMETERS, [parameter, ..]) => {
+                let told = [REGISTRATION, REGISTRATION_PADDING].into_iter().find(|(known, _)| known == parameter);
+                told.map(|(_, length)| std::vec![0; length]).ok_or(Stall)
+            }
+            (code::CMOS, [_, pairs @ ..]) => Ok(self.cmos(pairs)),
+            _ => Err(Stall),
+        }
+    }
+
+    /// Pairs of a register of the image sensor and its value; the highest bit of the register says that it is written.
+    fn cmos(&mut self, pairs: &[u16]) -> Vec<u8> {
+        let answers = pairs.as_chunks::<2>().0.iter().flat_map(|[register, value]| {
+            let stored = self.cmos.entry(register & 0x3fff).or_default();
+            if register & 0x8000 != 0 {
+                *stored = *value;
+            }
+            [register | 0x4000, *stored]
+        });
+        answers.flat_map(u16::to_le_bytes).collect()
+    }
+}
+
+const _: () = assert!(HEADER + 2 + REGISTRATION.1 < REPLY_SIZE);
