@@ -29,10 +29,7 @@ pub enum Problem {
         error: String,
     },
     /// No such Kinect.
-    #[error(
-        "no such Kinect is attached ({}): is its power supply plugged in? `physinc doctor` looks; without one, try `physinc run demo`",
-        among(known)
-    )]
+    #[error("no {}; `physinc doctor` looks further, and without a Kinect there is `physinc run demo`", missing(known))]
     NotFound {
         /// Serial numbers, or places, of those that are.
         known: Vec<String>,
