@@ -56,6 +56,7 @@ def stream(
     With `level="accelerometer"` the world of a live Kinect is level, as far as its accelerometer knows, unless `world_from_camera` is
     given: z is up, y forward. Where thrown balls show another gravity, that is told (`level_disagreement`).
     After `timeout` seconds without input `StreamTimeoutError` is raised (`None`: wait as long as it takes); iterables are waited for.
+    Of a live Kinect there is video as well: `"kinect?video=color"`, or `infrared`, and the stream's `video` is the newest image.
     With `reconnect` a device that is unplugged is awaited, and the stream goes on; otherwise `DeviceDisconnectedError` is raised then.
 
     Raises `PhysincError`s that say what happened and what mends it; what an iterable raises passes unchanged,
