@@ -52,6 +52,7 @@ struct Now {
     predictors: Vec<Predictor>,
     counters: crate::event::Counters,
     busy: Duration,
+    arrival_ns: Option<i64>,
 }
 
 #[pymethods]
@@ -66,15 +67,15 @@ impl Stream {
                 return event::to_python(py, event).map(Some);
             }
             match self.step(py) {
-                Ok(Some(Step { events, predictors, counters, busy })) => {
-                    *self.now() = Now { events: events.into(), predictors, counters, busy };
+                Ok(Some(Step { events, predictors, counters, busy, arrival_ns })) => {
+                    *self.now() = Now { events: events.into(), predictors, counters, busy, arrival_ns };
                 }
-                Ok(None) => self.close(),
+                Ok(None) => self.close(py),
                 Err(error) => {
                     // Silence and Ctrl-C leave the stream as it is, what else went wrong ends it.
                     if !error.is_instance_of::<StreamTimeoutError>(py) && !error.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py)
                     {
-                        self.close();
+                        self.close(py);
                     }
                     return Err(error);
                 }
@@ -88,14 +89,17 @@ impl Stream {
     }
 
     #[pyo3(signature = (*_exception))]
-    fn __exit__(&self, _exception: &Bound<'_, pyo3::types::PyTuple>) {
-        self.close();
+    fn __exit__(&self, py: Python<'_>, _exception: &Bound<'_, pyo3::types::PyTuple>) {
+        self.close(py);
     }
 
-    /// Stops reading; no more events.
-    fn close(&self) {
+    /// Stops reading; no more events. A device can be opened again afterwards.
+    fn close(&self, py: Python<'_>) {
         self.closed.store(true, Ordering::Relaxed);
         self.interrupt();
+        if let Feed::Reader(reader) = &self.feed {
+            py.detach(|| reader.release());
+        }
     }
 
     /// Ends the stream as Ctrl-C does: what is known becomes final, and `stream_ended` is the last event.
@@ -116,6 +120,13 @@ impl Stream {
     #[getter]
     fn busy(&self) -> f64 {
         self.now().busy.as_secs_f64()
+    }
+
+    /// When the last packet arrived of the frame that the last event came with, ns, comparable with `time.time_ns()` for a live Kinect;
+    /// `None` where no packets come.
+    #[getter]
+    fn arrival_ns(&self) -> Option<i64> {
+        self.now().arrival_ns
     }
 
     /// What the user should know of the source, once the stream is over, a line each.
@@ -173,11 +184,13 @@ impl Stream {
     }
 
     fn wait(&self, py: Python<'_>, reader: &Reader) -> PyResult<Option<Step>> {
-        let start = Instant::now();
+        let mut start = Instant::now();
         loop {
             match py.detach(|| reader.next(SLICE)) {
                 Next::Step(step) => return Ok(Some(step)),
                 Next::Over(outcome) => return outcome.map(|()| None).map_err(PyErr::from),
+                // Whoever said how long it may be away does not mind the silence.
+                Next::Silence if reader.is_away() => start = Instant::now(),
                 Next::Silence => {}
             }
             py.check_signals()?;
@@ -224,7 +237,7 @@ impl Track {
 
 /// Opens a source by name. `name` is what the stream calls it, `gravity` what an accelerometer in its camera tells.
 #[pyfunction]
-#[pyo3(signature = (source, *, name, config, camera, positions, provisional, images, gravity, frames, duration, every_frame, timeout))]
+#[pyo3(signature = (source, *, name, config, camera, positions, provisional, images, gravity, frames, duration, every_frame, reconnect, timeout))]
 #[allow(clippy::too_many_arguments, clippy::fn_params_excessive_bools)] // They are Python's.
 pub fn open_source(
     py: Python<'_>,
@@ -239,6 +252,7 @@ pub fn open_source(
     frames: Option<u64>,
     duration: Option<f64>,
     every_frame: bool,
+    reconnect: Option<f64>,
     timeout: Option<f64>,
 ) -> PyResult<Stream> {
     let mut config = config::config(config)?;
@@ -252,7 +266,10 @@ pub fn open_source(
     };
     config.camera.gravity_in_camera = gravity.or(config.camera.gravity_in_camera);
     let (named, theirs) = (String::from(source), config.clone());
-    let source = wait_for(py, move || crate::source::open(&named, &theirs, file.as_deref()))??;
+    let mut source = wait_for(py, move || crate::source::open(&named, &theirs, file.as_deref()))??;
+    if let Some(seconds) = reconnect {
+        source.wait_for_return(Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX));
+    }
     let options = Options { positions, provisional, frames, duration, every_frame };
     let mut run = Run::of(&*source, name.unwrap_or(source.name()), &config, options)?;
     let latest = images.then(Arc::<Latest>::default);
