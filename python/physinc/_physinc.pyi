@@ -15,6 +15,7 @@ __all__ = [
     "Contact",
     "ContactFit",
     "Counters",
+    "Disconnected",
     "FlightFit",
     "Frame",
     "Gap",
@@ -23,6 +24,7 @@ __all__ = [
     "LevelDisagreement",
     "PlaneFit",
     "Position",
+    "Reconnected",
     "Recording",
     "SphereFit",
     "Stream",
@@ -581,6 +583,62 @@ class Gap:
     def __reduce__(self) -> tuple[Any, tuple[str]]: ...
 
 @final
+class Disconnected:
+    """The device is gone."""
+
+    __match_args__ = ("reason",)
+    @property
+    def event(self) -> Literal["disconnected"]:
+        """The event's name."""
+    @property
+    def timestamp_ns(self) -> int:
+        """Stamp of the newest input that it used, ns on the stream's clock."""
+    @property
+    def track(self) -> int | None:
+        """The track, from 1; None where none or all."""
+    @property
+    def final(self) -> bool:
+        """Nothing will replace it."""
+    @property
+    def reason(self) -> Literal["unplugged", "usb_error"]:
+        """Why."""
+    def to_dict(self) -> dict[str, Any]:
+        """As plain Python values, the same as in JSON."""
+    def to_json(self) -> str:
+        """As one line of JSON."""
+    def __eq__(self, other: object, /) -> bool: ...
+    def __hash__(self) -> int: ...
+    def __reduce__(self) -> tuple[Any, tuple[str]]: ...
+
+@final
+class Reconnected:
+    """The device is back, and the stream goes on."""
+
+    __match_args__ = ("reason",)
+    @property
+    def event(self) -> Literal["reconnected"]:
+        """The event's name."""
+    @property
+    def timestamp_ns(self) -> int:
+        """Stamp of the newest input that it used, ns on the stream's clock."""
+    @property
+    def track(self) -> int | None:
+        """The track, from 1; None where none or all."""
+    @property
+    def final(self) -> bool:
+        """Nothing will replace it."""
+    @property
+    def reason(self) -> Literal["same_serial", "same_port"]:
+        """By what it was recognised."""
+    def to_dict(self) -> dict[str, Any]:
+        """As plain Python values, the same as in JSON."""
+    def to_json(self) -> str:
+        """As one line of JSON."""
+    def __eq__(self, other: object, /) -> bool: ...
+    def __hash__(self) -> int: ...
+    def __reduce__(self) -> tuple[Any, tuple[str]]: ...
+
+@final
 class StreamEnded:
     """The stream is over."""
 
@@ -622,6 +680,8 @@ _Event: TypeAlias = (
     | CameraOrientation
     | LevelDisagreement
     | Gap
+    | Disconnected
+    | Reconnected
     | StreamEnded
 )
 
@@ -891,6 +951,7 @@ def open_source(
     frames: int | None,
     duration: float | None,
     every_frame: bool,
+    reconnect: float | None,
     timeout: float | None,
 ) -> Stream: ...
 def open_iterable(

@@ -72,7 +72,7 @@ def run(
         (probabilities of a packet: lose, empty, short, double, foreign, late, flip, silence; burst=10, the mean length of losses).
         A folder with INDEX.txt (fakenect) or depth.txt (TUM RGB-D): depth frames, one a file.
         FILE.csv, or - for stdin: positions, with the header t,x,y,z (s, m, z up) and optionally track, xx,xy,xz,yy,yz,zz.
-        Left out: a live Kinect, which this version can't read yet.
+        Left out, or kinect: a live Kinect; kinect:SERIAL the one of that serial number, or place (1-2.1), or index (0, 1, …).
     json
         Print events, one JSON object a line, and nothing else; messages go to stderr.
     positions
@@ -92,12 +92,11 @@ def run(
     level
         accelerometer: the world of a live Kinect is level by its own accelerometer; balls that fly otherwise are told.
     reconnect
-        Live devices may be away for so many seconds; recordings don't go away.
+        A device may be away for so many seconds: the stream goes on when it is back.
     dump_config
         Print the configuration in force (for SOURCE, if it is given), and exit.
 
     """
-    del reconnect
     if dump_config:
         sys.stdout.write(configuration_in_force(None if source is None else path_of(source), config, camera))
         return 0
@@ -114,6 +113,7 @@ def run(
         frames=frames,
         duration=duration,
         every_frame=every_frame,
+        reconnect=reconnect,
         timeout=timeout,
     )
     interrupted = False

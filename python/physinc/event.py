@@ -15,6 +15,8 @@ Event: TypeAlias = (
     | p.CameraOrientation
     | p.LevelDisagreement
     | p.Gap
+    | p.Disconnected
+    | p.Reconnected
     | p.StreamEnded
 )
 """Any event."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -44,7 +45,7 @@ def stream(
     `source` is `"demo"`, the path of an `*.npz` (depth frames), of a `*.pcapng` or `*.pcap` (a usbmon capture of a Kinect, also `.gz` or
     `.zst`), of a folder with `INDEX.txt` (fakenect) or `depth.txt` (TUM RGB-D), or of a
     `*.csv` (positions), `"-"` (a CSV on stdin), or an iterable of `(timestamp_ns, depth)` or `Position`.
-    Left out it is a live Kinect, which this version can't read yet.
+    Left out it is a live Kinect, as is `"kinect"`; `"kinect:SERIAL"` is the one of that serial number (or place, `1-2.1`, or index).
 
     `config` is the path of a TOML file, a dict of the same shape, or a `Config`; `camera` likewise a camera file, a dict or a
     `CameraConfig`, which wins over the file beside a recording.
@@ -55,12 +56,11 @@ def stream(
     With `level="accelerometer"` the world of a live Kinect is level, as far as its accelerometer knows, unless `world_from_camera` is
     given: z is up, y forward. Where thrown balls show another gravity, that is told (`level_disagreement`).
     After `timeout` seconds without input `StreamTimeoutError` is raised (`None`: wait as long as it takes); iterables are waited for.
-    `reconnect` concerns live devices only; recordings end.
+    With `reconnect` a device that is unplugged is awaited, and the stream goes on; otherwise `DeviceDisconnectedError` is raised then.
 
     Raises `PhysincError`s that say what happened and what mends it; what an iterable raises passes unchanged,
     after `stream_ended` (reason `disconnected`) if the stream had begun.
     """
-    del reconnect
     config, camera = _plain(config), _plain(camera)
     if source is None:
         source = "kinect"
@@ -73,6 +73,7 @@ def stream(
             provisional=provisional,
             images=frames,
             level=level,
+            reconnect=math.inf if reconnect else None,
             timeout=timeout,
         )
     gravity_of(source, level)
@@ -91,11 +92,12 @@ def open_named(
     frames: int | None = None,
     duration: float | None = None,
     every_frame: bool = False,
+    reconnect: float | None = None,
     timeout: float | None = 2.0,
 ) -> Stream:
     """Open a source by name, as the command line does: at most `frames` inputs, and `duration` seconds of them.
 
-    A live device waits for the reader with `every_frame`.
+    A live device waits for the reader with `every_frame`, and may be away for `reconnect` seconds.
     """
     name = os.fspath(source)
     return open_source(
@@ -110,6 +112,7 @@ def open_named(
         frames=frames,
         duration=duration,
         every_frame=every_frame,
+        reconnect=reconnect,
         timeout=timeout,
     )
 

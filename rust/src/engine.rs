@@ -39,6 +39,8 @@ pub struct Engine<'b> {
     assembler: Option<Assembler<Slice<'b, u8>>>,
     /// Packets lost that no gap has told of.
     untold: u64,
+    /// The device was away since the frame before.
+    was_away: bool,
     seeing: Option<Seeing<'b>>,
     attention: Attention,
     camera: Option<Camera>,
@@ -100,6 +102,7 @@ impl<'b> Engine<'b> {
         Self {
             assembler,
             untold: 0,
+            was_away: false,
             seeing,
             attention: Attention::new(config),
             camera: camera.copied(),
@@ -149,6 +152,14 @@ impl<'b> Engine<'b> {
         self.take_in(frame.timestamp_ns, image, &Loss { missing: &missing, packets: frame.lost }, sink)
     }
 
+    /// The device of the packets was away, and is back: its next frame ends a gap.
+    pub fn begin_anew(&mut self) {
+        self.was_away = true;
+        if let Some(assembler) = &mut self.assembler {
+            assembler.begin_anew();
+        }
+    }
+
     /// Takes in the next depth image. One whose stamp is not later than the last one's is counted and not used.
     ///
     /// # Errors
@@ -165,8 +176,11 @@ impl<'b> Engine<'b> {
         self.untold += loss.packets;
         let before = self.timeline.newest();
         let Some(mut gaps) = self.timeline.advance(timestamp_ns) else { return Ok(()) };
-        if self.untold > 0 || !loss.missing.is_empty() {
-            gaps[1] = Some(packets_lost(before, timestamp_ns, core::mem::take(&mut self.untold), loss.missing));
+        let was_away = core::mem::take(&mut self.was_away);
+        if was_away || self.untold > 0 || !loss.missing.is_empty() {
+            let packets = core::mem::take(&mut self.untold);
+            let gap = packets_lost(before, timestamp_ns, packets, loss.missing);
+            gaps[1] = Some(if was_away { Gap { reason: GapReason::Disconnected, packets: None, ..gap } } else { gap });
         }
         let mut detections: Vec<Detection, 16> = Vec::new();
         let bands = self.attention.bands(timestamp_ns, camera, &self.reasoning);

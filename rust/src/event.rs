@@ -184,6 +184,16 @@ events! {
         /// Samples lost.
         samples: Option<u64>,
     }
+    /// The device is gone.
+    Disconnected {
+        /// Why.
+        reason: DisconnectReason,
+    }
+    /// The device is back, and the stream goes on.
+    Reconnected {
+        /// By what it was recognised.
+        reason: ReconnectReason,
+    }
     /// The stream is over.
     StreamEnded {
         /// Why.
@@ -239,6 +249,24 @@ pub enum GapReason {
     FramesLost,
     Stalled,
     Disconnected,
+}
+
+/// Why a device is gone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "std", derive(Serialize, Deserialize), serde(rename_all = "snake_case"))]
+#[allow(missing_docs)] // The names say it.
+pub enum DisconnectReason {
+    Unplugged,
+    UsbError,
+}
+
+/// By what a device that is back was recognised.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "std", derive(Serialize, Deserialize), serde(rename_all = "snake_case"))]
+#[allow(missing_docs)] // The names say it.
+pub enum ReconnectReason {
+    SameSerial,
+    SamePort,
 }
 
 /// Why a stream ended.

@@ -27,8 +27,8 @@ mod _physinc {
     use super::disparity::unpack_disparity;
     #[pymodule_export]
     use super::event::{
-        Above, CameraModel, CameraOrientation, Contact, Counters, Gap, Inconsistency, LevelDisagreement, Position, StreamEnded,
-        StreamStarted, Surface, TrackEnded, TrackStarted, event_from_toml,
+        Above, CameraModel, CameraOrientation, Contact, Counters, Disconnected, Gap, Inconsistency, LevelDisagreement, Position,
+        Reconnected, StreamEnded, StreamStarted, Surface, TrackEnded, TrackStarted, event_from_toml,
     };
     #[pymodule_export]
     use super::frame::Frame;

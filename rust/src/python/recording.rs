@@ -1,15 +1,20 @@
 //! A source that is being recorded.
 
-use super::error::ConfigError;
+use super::error::{ConfigError, StreamTimeoutError};
 use super::waiting::wait_for;
 use crate::config::Config;
-use crate::source::{self, RecordError};
+use crate::source::{self, RecordError, Recorded};
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
+use std::format;
 use std::path::PathBuf;
 use std::string::{String, ToString};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 use std::vec::Vec;
+
+/// A live source may be silent for so long.
+const PATIENCE: Duration = Duration::from_secs(2);
 
 /// An iterator over the frames that it records, and a context manager: (how many there are now, stamp in ns).
 #[pyclass(frozen, module = "physinc._physinc")]
@@ -22,8 +27,18 @@ impl Recording {
     }
 
     fn __next__(&self, py: Python<'_>) -> PyResult<Option<(u64, i64)>> {
-        py.check_signals()?;
-        Ok(py.detach(|| self.recording().as_mut().map_or(Ok(None), source::Recording::next_frame))?)
+        let mut silent = None;
+        loop {
+            py.check_signals()?;
+            match py.detach(|| self.recording().as_mut().map_or(Ok(None), source::Recording::next_frame))? {
+                Some(Recorded::Frame { count, timestamp_ns }) => return Ok(Some((count, timestamp_ns))),
+                Some(Recorded::Silence) if silent.get_or_insert_with(Instant::now).elapsed() < PATIENCE => {}
+                Some(Recorded::Silence) => {
+                    return Err(StreamTimeoutError::new_err(format!("no frame for {} s; `physinc doctor` looks why", PATIENCE.as_secs())));
+                }
+                None => return Ok(None),
+            }
+        }
     }
 
     fn __enter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {

@@ -69,12 +69,12 @@ impl Stream {
                 Ok(Some(Step { events, predictors, counters, busy })) => {
                     *self.now() = Now { events: events.into(), predictors, counters, busy };
                 }
-                Ok(None) => self.close(),
+                Ok(None) => self.close(py),
                 Err(error) => {
                     // Silence and Ctrl-C leave the stream as it is, what else went wrong ends it.
                     if !error.is_instance_of::<StreamTimeoutError>(py) && !error.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py)
                     {
-                        self.close();
+                        self.close(py);
                     }
                     return Err(error);
                 }
@@ -88,14 +88,17 @@ impl Stream {
     }
 
     #[pyo3(signature = (*_exception))]
-    fn __exit__(&self, _exception: &Bound<'_, pyo3::types::PyTuple>) {
-        self.close();
+    fn __exit__(&self, py: Python<'_>, _exception: &Bound<'_, pyo3::types::PyTuple>) {
+        self.close(py);
     }
 
-    /// Stops reading; no more events.
-    fn close(&self) {
+    /// Stops reading; no more events. A device can be opened again afterwards.
+    fn close(&self, py: Python<'_>) {
         self.closed.store(true, Ordering::Relaxed);
         self.interrupt();
+        if let Feed::Reader(reader) = &self.feed {
+            py.detach(|| reader.release());
+        }
     }
 
     /// Ends the stream as Ctrl-C does: what is known becomes final, and `stream_ended` is the last event.
@@ -173,11 +176,13 @@ impl Stream {
     }
 
     fn wait(&self, py: Python<'_>, reader: &Reader) -> PyResult<Option<Step>> {
-        let start = Instant::now();
+        let mut start = Instant::now();
         loop {
             match py.detach(|| reader.next(SLICE)) {
                 Next::Step(step) => return Ok(Some(step)),
                 Next::Over(outcome) => return outcome.map(|()| None).map_err(PyErr::from),
+                // Whoever said how long it may be away does not mind the silence.
+                Next::Silence if reader.is_away() => start = Instant::now(),
                 Next::Silence => {}
             }
             py.check_signals()?;
@@ -224,7 +229,7 @@ impl Track {
 
 /// Opens a source by name. `name` is what the stream calls it, `gravity` what an accelerometer in its camera tells.
 #[pyfunction]
-#[pyo3(signature = (source, *, name, config, camera, positions, provisional, images, gravity, frames, duration, every_frame, timeout))]
+#[pyo3(signature = (source, *, name, config, camera, positions, provisional, images, gravity, frames, duration, every_frame, reconnect, timeout))]
 #[allow(clippy::too_many_arguments, clippy::fn_params_excessive_bools)] // They are Python's.
 pub fn open_source(
     py: Python<'_>,
@@ -239,6 +244,7 @@ pub fn open_source(
     frames: Option<u64>,
     duration: Option<f64>,
     every_frame: bool,
+    reconnect: Option<f64>,
     timeout: Option<f64>,
 ) -> PyResult<Stream> {
     let mut config = config::config(config)?;
@@ -252,7 +258,10 @@ pub fn open_source(
     };
     config.camera.gravity_in_camera = gravity.or(config.camera.gravity_in_camera);
     let (named, theirs) = (String::from(source), config.clone());
-    let source = wait_for(py, move || crate::source::open(&named, &theirs, file.as_deref()))??;
+    let mut source = wait_for(py, move || crate::source::open(&named, &theirs, file.as_deref()))??;
+    if let Some(seconds) = reconnect {
+        source.wait_for_return(Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX));
+    }
     let options = Options { positions, provisional, frames, duration, every_frame };
     let mut run = Run::of(&*source, name.unwrap_or(source.name()), &config, options)?;
     let latest = images.then(Arc::<Latest>::default);

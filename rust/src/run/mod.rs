@@ -12,7 +12,7 @@ pub use step::Step;
 use crate::config::Config;
 use crate::engine::{Engine, Sink};
 use crate::error::ConfigError;
-use crate::event::{CameraModel, Counters, EndReason, Event, Kind, StreamEnded, StreamStarted};
+use crate::event::{CameraModel, Counters, Disconnected, EndReason, Event, Kind, Reconnected, StreamEnded, StreamStarted};
 use crate::geometry::camera::Camera;
 use crate::reasoning::Predictor;
 use crate::seeing::{Image, SeeError};
@@ -124,7 +124,12 @@ impl Run {
             Input::Packet { bytes, arrival_ns } => {
                 engine.packet_if(bytes, arrival_ns, &mut |stamp_ns, image, sink| admit(stamp_ns, Some(image), sink), &mut tell)?;
             }
-            Input::Frame { .. } | Input::Positions { .. } | Input::Silence => {}
+            Input::Disconnected(reason) => return Ok(self.remark(Disconnected { reason }, sink)),
+            Input::Reconnected(reason) => {
+                engine.begin_anew();
+                return Ok(self.remark(Reconnected { reason }, sink));
+            }
+            Input::Silence | Input::Frame { .. } | Input::Positions { .. } => {}
         }
         let Some(begun) = begun else { return Ok(false) };
         self.busy += begun.elapsed();
@@ -132,6 +137,13 @@ impl Run {
             self.end(EndReason::Limit, sink);
         }
         Ok(true)
+    }
+
+    /// Tells what happened to the device, if the stream has begun.
+    fn remark(&mut self, kind: impl Into<Kind>, sink: &mut dyn FnMut(Event)) -> bool {
+        let Some((_, timestamp_ns)) = self.span_ns else { return false };
+        tell(Event { timestamp_ns, track: None, is_final: true, kind: kind.into() }, &self.options, &mut self.told, sink);
+        true
     }
 
     /// Makes everything final and tells that the stream is over, once. A stream that never began tells nothing.

@@ -4,10 +4,11 @@
 use super::queue::Queue;
 use super::{Run, Step};
 use crate::event::EndReason;
-use crate::source::{Source, SourceError};
+use crate::source::{Input, Source, SourceError};
 use std::boxed::Box;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::string::String;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -28,7 +29,7 @@ pub enum Next {
 pub struct Reader {
     shared: Arc<Shared>,
     /// Of a live source, which must be let go of before another can have it.
-    live: Option<JoinHandle<()>>,
+    live: Mutex<Option<JoinHandle<()>>>,
 }
 
 /// Whoever needs both locks takes that of `run` first.
@@ -40,6 +41,8 @@ struct Shared {
     /// A recording may go on.
     room: Condvar,
     remarks: OnceLock<Vec<String>>,
+    /// The device is away, and awaited.
+    is_away: AtomicBool,
 }
 
 /// A panic elsewhere has been turned into an outcome, so the state may be used on.
@@ -67,7 +70,14 @@ impl Reader {
         let is_live = source.is_live();
         let waits = !is_live || run.options().every_frame;
         let (run, queue) = (Mutex::new(run), Mutex::default());
-        let shared = Arc::new(Shared { run, queue, told: Condvar::new(), room: Condvar::new(), remarks: OnceLock::new() });
+        let shared = Arc::new(Shared {
+            run,
+            queue,
+            told: Condvar::new(),
+            room: Condvar::new(),
+            remarks: OnceLock::new(),
+            is_away: AtomicBool::new(false),
+        });
         let theirs = Arc::clone(&shared);
         let thread = std::thread::spawn(move || {
             let outcome = catch_unwind(AssertUnwindSafe(|| read(&mut *source, &theirs, waits))).unwrap_or(Err(SourceError::Panicked));
@@ -80,7 +90,7 @@ impl Reader {
             };
             theirs.end(reason, outcome);
         });
-        Self { shared, live: is_live.then_some(thread) }
+        Self { shared, live: Mutex::new(is_live.then_some(thread)) }
     }
 
     /// Waits for the next step, at most `patience`.
@@ -99,7 +109,24 @@ impl Reader {
 
     /// What the user should know of the source, once it is over.
     pub fn remarks(&self) -> Vec<String> {
+        if lock(&self.shared.queue).outcome.is_some() {
+            self.release();
+        }
         self.shared.remarks.get().cloned().unwrap_or_default()
+    }
+
+    /// Whether its device is away, and awaited.
+    pub fn is_away(&self) -> bool {
+        self.shared.is_away.load(Ordering::Relaxed)
+    }
+
+    /// Ends the stream now, and waits until its device, if it is one, can be had by others.
+    pub fn release(&self) {
+        self.interrupt();
+        if let Some(thread) = lock(&self.live).take() {
+            // It has no panic left to tell of.
+            let _ = thread.join();
+        }
     }
 
     /// Ends the stream now, even if its source is silent; the last events are still handed out.
@@ -111,16 +138,15 @@ impl Reader {
 impl Drop for Reader {
     /// Lets the thread go: it ends at its next input, and a live source is never silent for long.
     fn drop(&mut self) {
-        self.interrupt();
-        if let Some(thread) = self.live.take() {
-            // It has no panic left to tell of.
-            let _ = thread.join();
-        }
+        self.release();
     }
 }
 
 fn read(source: &mut dyn Source, shared: &Shared, waits: bool) -> Result<(), SourceError> {
     while let Some(input) = source.next_input()? {
+        if let Input::Disconnected(_) | Input::Reconnected(_) = input {
+            shared.is_away.store(matches!(input, Input::Disconnected(_)), Ordering::Relaxed);
+        }
         let mut run = lock(&shared.run);
         if run.is_over() {
             return Ok(());
@@ -149,7 +175,6 @@ mod tests {
     use crate::event::Kind;
     use crate::geometry::camera::Camera;
     use crate::run::Options;
-    use crate::source::Input;
     use std::sync::mpsc::{Receiver, channel};
 
     /// Hands out the stamps that it receives; one below zero breaks it.

@@ -32,12 +32,16 @@ pub enum SourceError {
         /// Why not.
         why: String,
     },
-    /// No such device.
-    #[error("{source_name}: no Kinect found, and this version can't read live ones; without one, try `physinc run demo`")]
+    /// No device can be read.
+    #[error("{source_name}: this build reads no live Kinects (feature `usb`); without one, try `physinc run demo`")]
     NoDevice {
         /// What the user named.
         source_name: String,
     },
+    /// A device that can't be had, or was lost.
+    #[cfg(feature = "usb")]
+    #[error(transparent)]
+    Device(#[from] super::usb::DeviceError),
     /// The recording isn't what it should be.
     #[error("{source_name}: {what}")]
     Malformed {

@@ -7,6 +7,7 @@ use std::boxed::Box;
 use std::collections::VecDeque;
 use std::format;
 use std::string::String;
+use std::time::Duration;
 use std::vec::Vec;
 
 /// A packet that comes late comes after at most so many others.
@@ -177,6 +178,14 @@ impl Source for Faulty {
         self.source.kinect()
     }
 
+    fn is_live(&self) -> bool {
+        self.source.is_live()
+    }
+
+    fn wait_for_return(&mut self, patience: Duration) {
+        self.source.wait_for_return(patience);
+    }
+
     fn remarks(&self) -> Vec<String> {
         let Injected { lost, empty, short, double, foreign, late, flipped } = self.injected;
         let own = format!(
@@ -191,7 +200,10 @@ impl Source for Faulty {
         while self.ready.is_empty() {
             let packet = match self.source.next_input()? {
                 Some(Input::Packet { bytes, arrival_ns }) => Arrived { bytes: bytes.into(), arrival_ns },
-                Some(_) => continue,
+                Some(Input::Silence) => return Ok(Some(Input::Silence)),
+                Some(Input::Disconnected(reason)) => return Ok(Some(Input::Disconnected(reason))),
+                Some(Input::Reconnected(reason)) => return Ok(Some(Input::Reconnected(reason))),
+                Some(Input::Frame { .. } | Input::Positions { .. }) => continue,
                 // Nothing comes after the late ones.
                 None if self.late.is_empty() => return Ok(None),
                 None => {

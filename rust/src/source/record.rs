@@ -40,6 +40,20 @@ pub enum RecordError {
     },
 }
 
+/// What came of waiting for the next frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Recorded {
+    /// It is recorded.
+    Frame {
+        /// How many there are now.
+        count: u64,
+        /// Its stamp.
+        timestamp_ns: i64,
+    },
+    /// A live source is silent.
+    Silence,
+}
+
 /// What is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Format {
@@ -106,11 +120,11 @@ impl Recording {
         Ok(Self { source, camera, out: out.into(), format, capture: None, sink: None, assembler, samples, frames: 0, limit })
     }
 
-    /// Records the next frame: how many there are now, and its stamp. `None` at the end.
+    /// Records the next frame. `None` at the end.
     ///
     /// # Errors
     /// The source broke or has no frames, or a frame can't be written.
-    pub fn next_frame(&mut self) -> Result<Option<(u64, i64)>, RecordError> {
+    pub fn next_frame(&mut self) -> Result<Option<Recorded>, RecordError> {
         if self.limit.is_some_and(|limit| self.frames >= limit) {
             return Ok(None);
         }
@@ -136,6 +150,9 @@ impl Recording {
                         break (timestamp_ns, samples);
                     }
                 }
+                (Some(Input::Silence), _) => return Ok(Some(Recorded::Silence)),
+                // An error follows: nobody awaits its return.
+                (Some(Input::Disconnected(_)), _) => {}
                 (Some(_), _) => return Err(failed(io::Error::other("only packets, and frames of 16-bit samples, can be recorded"))),
                 (None, _) if self.frames == 0 => return Err(SourceError::Empty { source_name: source.name().into() }.into()),
                 (None, _) => return Ok(None),
@@ -148,7 +165,7 @@ impl Recording {
             sink.as_mut().map_or(Ok(()), |sink| sink.write(timestamp_ns, frame)).map_err(failed)?;
         }
         self.frames += 1;
-        Ok(Some((self.frames, timestamp_ns)))
+        Ok(Some(Recorded::Frame { count: self.frames, timestamp_ns }))
     }
 
     /// What the user should know of the source so far, a line each.

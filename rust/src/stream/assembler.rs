@@ -124,6 +124,12 @@ impl<B: AsMut<[u8]>> Assembler<B> {
         self.empty
     }
 
+    /// The device was away: its next packet is the first of another run of sequence and clock.
+    pub fn begin_anew(&mut self) {
+        (self.current, self.counted) = (None, None);
+        self.clock.begin_anew();
+    }
+
     /// Takes a packet of the depth endpoint that arrived at `arrival_ns` on the host's clock; a frame that it ends goes to `sink`.
     pub fn push(&mut self, packet: &[u8], arrival_ns: i64, sink: &mut impl FnMut(Frame<'_>)) {
         let (header, payload) = match Packet::new(packet).and_then(|packet| Ok((Header::parse(&packet)?, packet.payload()))) {
