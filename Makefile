@@ -27,7 +27,7 @@ recordings:  ## make the packaged demo and fixtures/ anew, byte for byte
 test: test-rust test-python  ## every test, Rust's and Python's
 
 test-rust:
-	cargo test --locked
+	cargo test --locked --features usb
 	cargo test --locked --release --test instructions
 
 test-python: .venv/.installed
@@ -52,7 +52,7 @@ lint: .venv/.installed  ## formats, clippy, ruff, mypy and stubtest; warnings ar
 	cargo fmt --check
 	cargo fmt --check --manifest-path rust/nostd/Cargo.toml
 	cargo fmt --check --manifest-path rust/fuzz/Cargo.toml
-	cargo clippy --locked --all-targets -- -D warnings
+	cargo clippy --locked --all-targets --features usb -- -D warnings
 	cargo clippy --locked --lib --no-default-features -- -D warnings
 	cargo clippy --locked --lib --features python -- -D warnings
 	ruff check

@@ -734,6 +734,12 @@ class Stream:
     def busy(self) -> float:
         """How long the engine worked up to the last event, s."""
     @property
+    def arrival_ns(self) -> int | None:
+        """When the last packet arrived of the frame that the last event came with, ns; `None` where no packets come.
+
+        Of a live Kinect it is comparable with `time.time_ns()`.
+        """
+    @property
     def remarks(self) -> list[str]:
         """What the user should know of the source, once the stream is over, a line each."""
     @property

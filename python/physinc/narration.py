@@ -106,10 +106,8 @@ class Narration:
                     return  # Only parts of a frame are missing: the last line counts them.
                 seconds = (event.end_ns - event.start_ns) * 1e-9
                 self._line(event.start_ns, f"[yellow]nothing for {seconds:.3f} s ({event.reason.replace('_', ' ')})[/]")
-            case p.Disconnected():
-                self._line(event.timestamp_ns, f"[yellow]the device is gone ({event.reason.replace('_', ' ')})[/]")
-            case p.Reconnected():
-                self._line(event.timestamp_ns, "[yellow]the device is back[/]")
+            case p.Disconnected() | p.Reconnected():
+                self._line(event.timestamp_ns, f"[yellow]the device is {event.event} ({event.reason.replace('_', ' ')})[/]")
 
     def close(self, busy: float) -> None:
         """Print what was found; the engine worked for `busy` seconds."""

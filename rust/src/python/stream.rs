@@ -56,6 +56,7 @@ struct Now {
     predictors: Vec<Predictor>,
     counters: crate::event::Counters,
     busy: Duration,
+    arrival_ns: Option<i64>,
 }
 
 #[pymethods]
@@ -70,8 +71,8 @@ impl Stream {
                 return event::to_python(py, event).map(Some);
             }
             match self.step(py) {
-                Ok(Some(Step { events, predictors, counters, busy })) => {
-                    *self.now() = Now { events: events.into(), predictors, counters, busy };
+                Ok(Some(Step { events, predictors, counters, busy, arrival_ns })) => {
+                    *self.now() = Now { events: events.into(), predictors, counters, busy, arrival_ns };
                 }
                 Ok(None) => self.close(py)?,
                 Err(error) => {
@@ -126,6 +127,13 @@ impl Stream {
     #[getter]
     fn busy(&self) -> f64 {
         self.now().busy.as_secs_f64()
+    }
+
+    /// When the last packet arrived of the frame that the last event came with, ns, comparable with `time.time_ns()` for a live Kinect;
+    /// `None` where no packets come.
+    #[getter]
+    fn arrival_ns(&self) -> Option<i64> {
+        self.now().arrival_ns
     }
 
     /// What the user should know of the source, once the stream is over, a line each.

@@ -46,6 +46,7 @@ pub struct Run {
     span_ns: Option<(i64, i64)>,
     told: u64,
     busy: Duration,
+    arrival_ns: Option<i64>,
     over: bool,
     /// Where each image goes that somebody wants to look at.
     latest: Option<Arc<Latest>>,
@@ -80,7 +81,18 @@ impl Run {
         let _ = name.chars().try_for_each(|c| source.push(c));
         let world_from_camera = engine.world_from_camera().to_rows();
         let started = StreamStarted { source, camera: camera.map(CameraModel::from), world_from_camera };
-        Self { engine, options, started, span_ns: None, told: 0, busy: Duration::ZERO, over: false, latest: None, camera: camera.copied() }
+        Self {
+            engine,
+            options,
+            started,
+            span_ns: None,
+            told: 0,
+            busy: Duration::ZERO,
+            arrival_ns: None,
+            over: false,
+            latest: None,
+            camera: camera.copied(),
+        }
     }
 
     /// From now on the newest image is in `latest`, too.
@@ -114,6 +126,7 @@ impl Run {
             }
             !late
         };
+        let mut arrival = None;
         match input {
             Input::Frame { timestamp_ns, image } if admit(timestamp_ns, Some(image), &mut tell) => {
                 engine.frame(timestamp_ns, image, &mut tell)?;
@@ -122,6 +135,7 @@ impl Run {
                 engine.positions(timestamp_ns, positions, &mut tell);
             }
             Input::Packet { bytes, arrival_ns } => {
+                arrival = Some(arrival_ns);
                 engine.packet_if(bytes, arrival_ns, &mut |stamp_ns, image, sink| admit(stamp_ns, Some(image), sink), &mut tell)?;
             }
             Input::Disconnected(reason) => return Ok(self.remark(Disconnected { reason }, sink)),
@@ -133,6 +147,7 @@ impl Run {
         }
         let Some(begun) = begun else { return Ok(false) };
         self.busy += begun.elapsed();
+        self.arrival_ns = arrival;
         if late || self.options.frames.is_some_and(|frames| self.engine.counters().frames >= frames) {
             self.end(EndReason::Limit, sink);
         }
@@ -187,6 +202,11 @@ impl Run {
     /// How long the engine worked, but for putting packets together. No event says it: they are the same on every machine.
     pub fn busy(&self) -> Duration {
         self.busy
+    }
+
+    /// When the packet arrived that completed the newest frame, ns on the host's clock; `None` where no packets come.
+    pub fn arrival_ns(&self) -> Option<i64> {
+        self.arrival_ns
     }
 
     /// Where each live track will be.

@@ -19,6 +19,8 @@ pub struct Step {
     pub counters: Counters,
     /// How long the engine worked up to it.
     pub busy: Duration,
+    /// [`Run::arrival_ns`] of it.
+    pub arrival_ns: Option<i64>,
 }
 
 impl Step {
@@ -40,6 +42,6 @@ impl Step {
     }
 
     fn after(run: &Run, events: Vec<Event>) -> Self {
-        Self { events, predictors: run.predictors().collect(), counters: run.counters(), busy: run.busy() }
+        Self { events, predictors: run.predictors().collect(), counters: run.counters(), busy: run.busy(), arrival_ns: run.arrival_ns() }
     }
 }

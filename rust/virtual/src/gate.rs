@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 /// Both ends of it. Where they are dropped, whoever polls sees an error and a hang-up.
 pub struct Gate {
     terminal: File,
+    is_open: bool,
     path: PathBuf,
     _master: rustix::fd::OwnedFd,
 }
@@ -24,7 +25,7 @@ impl Gate {
         pty::unlockpt(&master)?;
         let path = pty::ptsname(&master, Vec::new())?.into_string().map_err(io::Error::other)?;
         let terminal = fs::open(&path, OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC, Mode::empty())?;
-        let gate = Self { terminal: terminal.into(), path: path.into(), _master: master };
+        let mut gate = Self { terminal: terminal.into(), is_open: true, path: path.into(), _master: master };
         gate.set(false);
         Ok(gate)
     }
@@ -35,8 +36,11 @@ impl Gate {
     }
 
     /// Opens or closes it.
-    pub fn set(&self, is_open: bool) {
-        // A terminal that can't be stopped would only make programs ask too often.
-        let _ = termios::tcflow(&self.terminal, if is_open { Action::OOn } else { Action::OOff });
+    pub fn set(&mut self, is_open: bool) {
+        if is_open != self.is_open {
+            self.is_open = is_open;
+            // A terminal that can't be stopped would only make programs ask too often.
+            let _ = termios::tcflow(&self.terminal, if is_open { Action::OOn } else { Action::OOff });
+        }
     }
 }

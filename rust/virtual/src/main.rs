@@ -4,9 +4,11 @@
 //! else looks at `/sys` and `/dev` by way of libc, since umockdev's preloaded library shows it a folder of ours instead.
 
 mod gate;
+mod hotplug;
 mod node;
 mod options;
 mod preload;
+mod queue;
 mod server;
 mod testbed;
 mod urb;
@@ -18,6 +20,8 @@ use std::io::{BufRead, BufReader};
 use std::os::unix::process::CommandExt;
 use std::process::{Command, ExitCode, Stdio};
 
+/// User and group.
+const NOBODY: u32 = 65534;
 const PRELOAD: &str = "libumockdev-preload.so.0";
 
 fn main() -> ExitCode {
@@ -57,6 +61,11 @@ fn run(arguments: &[OsString]) -> Result<(), String> {
         preload.push(":");
         preload.push(others);
     }
-    let error = Command::new(program).args(rest).env("UMOCKDEV_DIR", root.trim_end()).env("LD_PRELOAD", preload).exec();
-    Err(format!("{}: {error}", program.display()))
+    let mut command = Command::new(program);
+    command.args(rest).env("UMOCKDEV_DIR", root.trim_end()).env("LD_PRELOAD", preload);
+    if options::Options::parse(options)?.is_denied && rustix::process::geteuid().is_root() {
+        // Nothing is denied to root.
+        command.uid(NOBODY).gid(NOBODY);
+    }
+    Err(format!("{}: {}", program.display(), command.exec()))
 }

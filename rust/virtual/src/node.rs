@@ -1,31 +1,48 @@
 //! A device at the bus: its transfers, which programs hold its interface, and when what is complete.
 
 use crate::gate::Gate;
-use crate::urb::{CONTROL, Came, Done, ISOCHRONOUS, Urb};
+use crate::options::Moment;
+use crate::queue::Queue;
+use crate::urb::{CONTROL, Done, ISOCHRONOUS, Urb};
 use physinc::sim::kinect::descriptor::Descriptors;
-use physinc::sim::kinect::{Device, Setup};
+use physinc::sim::kinect::{Device, FrameSent, Setup};
 use rustix::io::Errno;
-use std::collections::BTreeMap;
 use std::io;
+use std::path::PathBuf;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Of the bus, ns.
-const MICROFRAME_NS: i64 = 125_000;
 /// A program that reaps until nothing is left must come up for air.
 const MOST_REAPED: usize = 16;
 
-/// An open file of a program.
-pub type Client = u64;
+/// An open file of a program: how often the device was plugged in before it was opened, and its number then.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Client(pub u64, pub u64);
+
+/// Another program, of which nothing is known.
+pub const SOMEONE: Client = Client(u64::MAX, 0);
+
+/// What does not change about a device.
+pub struct Nature {
+    /// The bus does not wait for slow programs.
+    pub is_realtime: bool,
+    /// The kernel's driver that takes its interface.
+    pub driver: Option<String>,
+    /// Another program has it.
+    pub is_busy: bool,
+    /// When it is pulled.
+    pub pull: Option<Moment>,
+    /// How transfers are refused, from which on.
+    pub refuse: Option<(Errno, u64)>,
+    /// Is told of each frame that was sent.
+    pub on_frame: Box<dyn Fn(&FrameSent) + Send + Sync>,
+    /// Is told when it is pulled.
+    pub on_pull: Box<dyn Fn() + Send + Sync>,
+}
 
 /// A device and its node.
 pub struct Node {
-    /// Where programs wait.
-    pub gate: Gate,
-    /// Its address at the bus.
-    pub number: u8,
-    driver: Option<&'static str>,
-    is_realtime: bool,
+    nature: Nature,
     began: Instant,
     state: Mutex<State>,
     changed: Condvar,
@@ -38,48 +55,43 @@ pub struct State {
     /// Who claimed its interface.
     pub claimed_by: Option<Client>,
     /// The kernel's driver that holds its interface.
-    pub driver: Option<&'static str>,
+    pub driver: Option<String>,
     /// Alternate setting of the interface.
     pub setting: usize,
-    waiting: Vec<(Client, i64, Urb)>,
+    /// Its number at the bus.
+    pub address: u8,
+    gate: Option<Gate>,
+    /// How often it was plugged in.
+    plugs: u64,
+    queue: Queue,
     over: Vec<(Client, Done)>,
-    clocks: BTreeMap<u8, Clock>,
     reaped: usize,
-}
-
-/// When the last transfer of an endpoint ended: on its bus, which waits for slow programs unless it is to be real, and by the host's clock.
-#[derive(Clone, Copy, Debug, Default)]
-struct Clock {
-    bus_ns: i64,
-    host_ns: i64,
+    requests: u64,
+    submitted: u64,
+    /// Frames when it was plugged in.
+    frames: u64,
 }
 
 impl Node {
-    /// A device that was just plugged in.
-    pub fn new(device: Box<dyn Device>, number: u8, is_realtime: bool) -> io::Result<Self> {
+    /// A device that is not plugged in yet.
+    pub fn new(device: Box<dyn Device>, nature: Nature) -> Self {
+        let queue = Queue::new(nature.is_realtime);
         let state = State {
             device,
             claimed_by: None,
             driver: None,
             setting: 0,
-            waiting: Vec::new(),
+            address: 0,
+            gate: None,
+            plugs: 0,
+            queue,
             over: Vec::new(),
-            clocks: BTreeMap::new(),
             reaped: 0,
+            requests: 0,
+            submitted: 0,
+            frames: 0,
         };
-        Ok(Self {
-            gate: Gate::new()?,
-            number,
-            driver: None,
-            is_realtime,
-            began: Instant::now(),
-            state: Mutex::new(state),
-            changed: Condvar::new(),
-        })
-    }
-
-    fn now_ns(&self) -> i64 {
-        self.began.elapsed().as_nanos() as i64
+        Self { nature, began: Instant::now(), state: Mutex::new(state), changed: Condvar::new() }
     }
 
     /// Its state, to look at or to change in a way that completes nothing.
@@ -87,79 +99,131 @@ impl Node {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    fn now_ns(&self) -> i64 {
+        self.began.elapsed().as_nanos() as i64
+    }
+
     /// What it says that it is.
     pub fn descriptors(&self) -> Descriptors {
         self.state().device.descriptors().clone()
     }
 
+    /// It is powered and reset; what its node must lead to, and how often it was plugged in.
+    pub fn plug(&self, address: u8) -> io::Result<(PathBuf, u64)> {
+        let mut state = self.state();
+        let gate = Gate::new()?;
+        let path = gate.path().to_path_buf();
+        state.gate = Some(gate);
+        state.address = address;
+        state.plugs += 1;
+        state.setting = 0;
+        (state.requests, state.frames) = (0, state.device.frames_sent().1);
+        state.claimed_by = self.nature.is_busy.then_some(SOMEONE);
+        state.driver.clone_from(&self.nature.driver);
+        state.device.reset();
+        self.settle(&mut state);
+        Ok((path, state.plugs))
+    }
+
+    /// It is gone: what waits on it ends, and whoever polls is told.
+    pub fn pull(&self) {
+        let mut state = self.state();
+        state.gate = None;
+        let ended = state.queue.take(|_| true);
+        state.over.extend(ended.into_iter().map(|(client, urb)| (client, urb.fail(Errno::SHUTDOWN))));
+        self.changed.notify_all();
+    }
+
     /// The kernel's driver takes the interface if there is one and nobody holds it: 1 if it did.
     pub fn bind_driver(&self) -> i32 {
         let mut state = self.state();
-        if self.driver.is_some() && state.claimed_by.is_none() {
-            state.driver = self.driver;
+        if state.claimed_by.is_none() {
+            state.driver.clone_from(&self.nature.driver);
         }
         i32::from(state.driver.is_some())
     }
 
     /// A control request outside of any transfer.
-    pub fn control(&self, setup: &Setup, out: &[u8]) -> Result<Vec<u8>, Errno> {
+    pub fn control(&self, setup: Setup, out: &[u8]) -> Result<Vec<u8>, Errno> {
         let mut state = self.state();
-        let answer = state.device.control(setup, out, self.now_ns()).map_err(|_| Errno::PIPE);
-        self.settle(&state);
+        let answer = self.request(&mut state, setup, out)?;
+        self.settle(&mut state);
         answer
     }
 
     /// Takes a transfer.
     pub fn submit(&self, client: Client, urb: Urb) -> Result<(), Errno> {
         let mut state = self.state();
+        if urb.kind != CONTROL {
+            state.submitted += 1;
+            match self.nature.refuse {
+                Some((errno, from)) if state.submitted > from => return Err(errno),
+                _ => (),
+            }
+        }
         match urb.kind {
             CONTROL => {
-                let done = control(&mut state, urb, self.now_ns())?;
+                let done = self.control_transfer(&mut state, urb)?;
                 state.over.push((client, done));
             }
             ISOCHRONOUS => {
                 state.claim(client)?;
-                let fits = urb.slots.iter().map(|slot| *slot as usize).sum::<usize>() <= urb.length;
                 if !state.device.descriptors().has_endpoint(state.setting, urb.endpoint) {
                     return Err(Errno::NOENT);
                 }
-                if !fits {
+                if urb.slots.iter().map(|slot| *slot as usize).sum::<usize>() > urb.length {
                     return Err(Errno::INVAL);
                 }
-                state.waiting.push((client, self.now_ns(), urb));
+                state.queue.submit(client, urb, self.now_ns());
             }
             _ => return Err(Errno::INVAL),
         }
-        self.settle(&state);
+        self.settle(&mut state);
         Ok(())
     }
 
     /// The next transfer that is over.
-    pub fn reap(&self, client: Client) -> Option<Done> {
+    pub fn reap(&self, client: Client) -> Result<Done, Errno> {
         let mut state = self.state();
-        let done = if state.reaped < MOST_REAPED { state.reap(client, self.is_realtime, self.now_ns()) } else { None };
+        let done = if state.reaped < MOST_REAPED { self.next_over(&mut state, client) } else { None };
         state.reaped = if done.is_some() { state.reaped + 1 } else { 0 };
-        self.settle(&state);
-        done
+        self.settle(&mut state);
+        done.ok_or(if state.has(client) { Errno::AGAIN } else { Errno::NODEV })
+    }
+
+    fn next_over(&self, state: &mut State, client: Client) -> Option<Done> {
+        if let Some(place) = state.over.iter().position(|(other, _)| *other == client) {
+            return Some(state.over.remove(place).1);
+        }
+        let done = state.queue.next(client, &mut *state.device, self.now_ns())?;
+        let (sent, frames) = state.device.frames_sent();
+        for frame in &sent {
+            (self.nature.on_frame)(frame);
+        }
+        if matches!(self.nature.pull, Some(Moment::Frames(at)) if frames - state.frames >= at) {
+            (self.nature.on_pull)();
+            state.frames = frames;
+        }
+        Some(done)
     }
 
     /// As [`Node::reap`], but waits.
-    pub fn wait(&self, client: Client) -> Done {
+    pub fn wait(&self, client: Client) -> Result<Done, Errno> {
         loop {
-            if let Some(done) = self.reap(client) {
-                return done;
+            match self.reap(client) {
+                Err(Errno::AGAIN) => std::thread::sleep(Duration::from_micros(125)),
+                other => return other,
             }
-            std::thread::sleep(Duration::from_micros(125));
         }
     }
 
     /// Ends a transfer that waits.
     pub fn discard(&self, client: Client, address: u64) -> Result<(), Errno> {
         let mut state = self.state();
-        let place = state.waiting.iter().position(|(other, _, urb)| (*other, urb.address) == (client, address)).ok_or(Errno::INVAL)?;
-        let (_, _, urb) = state.waiting.remove(place);
-        state.over.push((client, urb.fail(-Errno::NOENT.raw_os_error())));
-        self.settle(&state);
+        let ended = state.queue.take(|(other, urb)| (*other, urb.address) == (client, address));
+        let (_, urb) = ended.into_iter().next().ok_or(Errno::INVAL)?;
+        state.over.push((client, urb.fail(Errno::NOENT)));
+        self.settle(&mut state);
         Ok(())
     }
 
@@ -170,9 +234,9 @@ impl Node {
             return Err(Errno::INVAL);
         }
         state.claimed_by = None;
-        let ended: Vec<_> = state.waiting.extract_if(.., |(other, ..)| *other == client).collect();
-        state.over.extend(ended.into_iter().map(|(client, _, urb)| (client, urb.fail(-Errno::NOENT.raw_os_error()))));
-        self.settle(&state);
+        let ended = state.queue.take(|(other, _)| *other == client);
+        state.over.extend(ended.into_iter().map(|(client, urb)| (client, urb.fail(Errno::NOENT))));
+        self.settle(&mut state);
         Ok(())
     }
 
@@ -180,36 +244,68 @@ impl Node {
     pub fn close(&self, client: Client) {
         let _ = self.release(client);
         let mut state = self.state();
+        state.queue.take(|(other, _)| *other == client);
         state.over.retain(|(other, _)| *other != client);
-        self.settle(&state);
+        self.settle(&mut state);
     }
 
     /// Opens or closes the gate by what is complete now.
-    fn settle(&self, state: &State) {
-        let due = state.due_ns(None, self.is_realtime);
-        self.gate.set(!state.over.is_empty() || due.is_some_and(|due| due <= self.now_ns()));
-        self.changed.notify_all();
+    fn settle(&self, state: &mut State) {
+        let due = state.queue.due_ns(&*state.device);
+        let is_complete = !state.over.is_empty() || due.is_some_and(|due| due <= self.now_ns());
+        if let Some(gate) = &mut state.gate {
+            gate.set(is_complete);
+        }
+        if !is_complete {
+            self.changed.notify_all();
+        }
     }
 
     /// Opens the gate when a transfer becomes complete by itself; never returns.
     pub fn keep_time(&self) -> ! {
         let mut state = self.state();
         loop {
-            let left_ns = state.due_ns(None, self.is_realtime).map(|due| due - self.now_ns());
+            self.settle(&mut state);
+            let left_ns = state.queue.due_ns(&*state.device).map(|due| due - self.now_ns());
             state = match left_ns {
                 Some(left @ 1..) => {
                     let waited = self.changed.wait_timeout(state, Duration::from_nanos(left as u64));
-                    let (state, _) = waited.unwrap_or_else(PoisonError::into_inner);
-                    self.gate.set(!state.over.is_empty() || state.due_ns(None, self.is_realtime).is_some_and(|due| due <= self.now_ns()));
-                    state
+                    waited.unwrap_or_else(PoisonError::into_inner).0
                 }
                 _ => self.changed.wait(state).unwrap_or_else(PoisonError::into_inner),
             };
         }
     }
+
+    /// The device's answer, unless it is pulled first.
+    fn request(&self, state: &mut State, setup: Setup, out: &[u8]) -> Result<Result<Vec<u8>, Errno>, Errno> {
+        let is_own = setup.request_type & 0x60 != 0;
+        state.requests += u64::from(is_own);
+        if is_own && self.nature.pull == Some(Moment::Requests(state.requests)) {
+            (self.nature.on_pull)();
+            return Err(Errno::NODEV);
+        }
+        Ok(state.device.control(setup, out, self.now_ns()).map_err(|_| Errno::PIPE))
+    }
+
+    fn control_transfer(&self, state: &mut State, urb: Urb) -> Result<Done, Errno> {
+        let (setup, out) = urb.out.split_first_chunk::<8>().ok_or(Errno::INVAL)?;
+        let setup = Setup::parse(*setup);
+        let out = out.get(..setup.length.into()).ok_or(Errno::INVAL)?;
+        let is_in = setup.request_type & 0x80 != 0;
+        Ok(match self.request(state, setup, if is_in { &[] } else { out })? {
+            Ok(bytes) => urb.succeed(if is_in { bytes.len() } else { setup.length.into() }, bytes, Vec::new()),
+            Err(errno) => urb.fail(errno),
+        })
+    }
 }
 
 impl State {
+    /// Whether `client` has opened the device that is plugged in now.
+    pub fn has(&self, client: Client) -> bool {
+        self.gate.is_some() && client.0 == self.plugs
+    }
+
     /// The interface is `client`'s now, if nobody else holds it.
     pub fn claim(&mut self, client: Client) -> Result<(), Errno> {
         if self.driver.is_some() || self.claimed_by.is_some_and(|other| other != client) {
@@ -218,84 +314,4 @@ impl State {
         self.claimed_by = Some(client);
         Ok(())
     }
-
-    /// When the next isochronous transfer of `client` (`None`: of any) is over: at once where the bus waits for the program and the
-    /// endpoint brings something.
-    fn due_ns(&self, client: Option<Client>, is_realtime: bool) -> Option<i64> {
-        self.first(client, is_realtime).map(|(due, _)| due)
-    }
-
-    fn first(&self, client: Option<Client>, is_realtime: bool) -> Option<(i64, usize)> {
-        let mut seen = Vec::new();
-        let mut first = None;
-        for (place, (owner, submitted_ns, urb)) in self.waiting.iter().enumerate() {
-            // Each endpoint's transfers end in their order.
-            if seen.contains(&urb.endpoint) || client.is_some_and(|client| client != *owner) {
-                continue;
-            }
-            seen.push(urb.endpoint);
-            let clock = self.clocks.get(&urb.endpoint).copied().unwrap_or_default();
-            let lasts = urb.slots.len() as i64 * MICROFRAME_NS;
-            let ends = if is_realtime { clock.bus_ns.max(*submitted_ns) } else { clock.bus_ns } + lasts;
-            let due = match is_realtime {
-                true => ends,
-                false if self.device.is_streaming(urb.endpoint) => 0,
-                false => clock.host_ns + lasts,
-            };
-            if first.is_none_or(|(_, sooner, _)| ends < sooner) {
-                first = Some((due, ends, place));
-            }
-        }
-        first.map(|(due, _, place)| (due, place))
-    }
-
-    fn reap(&mut self, client: Client, is_realtime: bool, now_ns: i64) -> Option<Done> {
-        if let Some(place) = self.over.iter().position(|(other, _)| *other == client) {
-            return Some(self.over.remove(place).1);
-        }
-        let (due, place) = self.first(Some(client), is_realtime)?;
-        if due > now_ns {
-            return None;
-        }
-        let (_, submitted_ns, urb) = self.waiting.remove(place);
-        let clock = self.clocks.entry(urb.endpoint).or_default();
-        if is_realtime && clock.bus_ns < submitted_ns {
-            // What came while no transfer waited is lost.
-            let missed = if clock.bus_ns == 0 { 0 } else { (submitted_ns - clock.bus_ns) / MICROFRAME_NS };
-            (0..missed).for_each(|_| _ = self.device.packet(urb.endpoint));
-            clock.bus_ns = submitted_ns;
-        }
-        clock.bus_ns += urb.slots.len() as i64 * MICROFRAME_NS;
-        clock.host_ns = now_ns;
-        Some(self.fill(urb))
-    }
-
-    fn fill(&mut self, urb: Urb) -> Done {
-        let mut bytes = Vec::with_capacity(urb.length);
-        let (mut packets, mut offset) = (Vec::with_capacity(urb.slots.len()), 0);
-        for slot in &urb.slots {
-            let packet = self.device.packet(urb.endpoint);
-            let fits = &packet[..packet.len().min(*slot as usize)];
-            bytes.resize(offset, 0);
-            bytes.extend(fits);
-            let status = if fits.len() < packet.len() { -Errno::OVERFLOW.raw_os_error() } else { 0 };
-            packets.push(Came { length: fits.len() as u32, status });
-            offset += *slot as usize;
-        }
-        Done { actual: packets.iter().map(|packet| packet.length as usize).sum(), urb, status: 0, bytes, packets }
-    }
-}
-
-fn control(state: &mut State, urb: Urb, now_ns: i64) -> Result<Done, Errno> {
-    let (setup, out) = urb.out.split_first_chunk::<8>().ok_or(Errno::INVAL)?;
-    let setup = Setup::parse(*setup);
-    if usize::from(setup.length) > out.len() {
-        return Err(Errno::INVAL);
-    }
-    let is_in = setup.request_type & 0x80 != 0;
-    let answer = state.device.control(&setup, if is_in { &[] } else { &out[..setup.length.into()] }, now_ns);
-    Ok(match answer {
-        Ok(bytes) => Done { actual: if is_in { bytes.len() } else { setup.length.into() }, urb, status: 0, bytes, packets: Vec::new() },
-        Err(_) => urb.fail(-Errno::PIPE.raw_os_error()),
-    })
 }

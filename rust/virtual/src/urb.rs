@@ -1,6 +1,7 @@
 //! `struct usbdevfs_urb` as it stands in a program's memory, on machines of 64 bits.
 
 use crate::preload::Caller;
+use rustix::io::Errno;
 use std::io;
 
 /// Bytes before the packets' descriptors, and of each of those.
@@ -76,10 +77,15 @@ impl Urb {
         Ok(Some(Self { address, kind, endpoint, buffer, length, slots, out }))
     }
 
+    /// It ended well.
+    pub fn succeed(self, actual: usize, bytes: Vec<u8>, packets: Vec<Came>) -> Done {
+        Done { urb: self, status: 0, actual, bytes, packets }
+    }
+
     /// It ended without a byte.
-    pub fn fail(self, status: i32) -> Done {
-        let packets = vec![Came { length: 0, status: -18 }; self.slots.len()];
-        Done { urb: self, status, actual: 0, bytes: Vec::new(), packets }
+    pub fn fail(self, errno: Errno) -> Done {
+        let packets = vec![Came { length: 0, status: -Errno::XDEV.raw_os_error() }; self.slots.len()];
+        Done { urb: self, status: -errno.raw_os_error(), actual: 0, bytes: Vec::new(), packets }
     }
 }
 

@@ -59,6 +59,9 @@ pub fn serve(node: &Node, client: Client, caller: &mut Caller) -> io::Result<()>
 }
 
 fn ioctl(node: &Node, client: Client, caller: &mut Caller, number: u64, argument: u64) -> Called {
+    if !matches!(number, REAP | REAP_NOW) && !node.state().has(client) {
+        return Ok(Err(Errno::NODEV));
+    }
     Ok(match number {
         CONTROL => return control(node, caller, argument),
         SUBMIT => match Urb::fetch(caller, argument)? {
@@ -66,8 +69,10 @@ fn ioctl(node: &Node, client: Client, caller: &mut Caller, number: u64, argument
             None => Err(Errno::INVAL),
         },
         REAP | REAP_NOW => {
-            let done = if number == REAP { Some(node.wait(client)) } else { node.reap(client) };
-            let Some(done) = done else { return Ok(Err(Errno::AGAIN)) };
+            let done = match if number == REAP { node.wait(client) } else { node.reap(client) } {
+                Ok(done) => done,
+                Err(errno) => return Ok(Err(errno)),
+            };
             done.deliver(caller)?;
             caller.write(argument, &done.urb.address.to_ne_bytes())?;
             Ok(0)
@@ -97,14 +102,15 @@ fn ioctl(node: &Node, client: Client, caller: &mut Caller, number: u64, argument
         },
         GET_DRIVER => {
             let state = node.state();
-            let name = state.driver.or(state.claimed_by.map(|_| "usbfs"));
+            let name = state.driver.clone().or(state.claimed_by.map(|_| "usbfs".into()));
             drop(state);
             let Some(name) = name else { return Ok(Err(Errno::NODATA)) };
             caller.write(argument + 4, &[name.as_bytes(), &[0]].concat())?;
             Ok(0)
         }
         CONNECT_INFO => {
-            caller.write(argument, &u32::from(node.number).to_ne_bytes())?;
+            let address = node.state().address;
+            caller.write(argument, &u32::from(address).to_ne_bytes())?;
             caller.write(argument + 4, &[0])?;
             Ok(0)
         }
@@ -126,8 +132,9 @@ fn ioctl(node: &Node, client: Client, caller: &mut Caller, number: u64, argument
             Ok(0)
         }
         DISCONNECT_CLAIM => {
+            let interface = int(caller, argument)?;
             let mut state = node.state();
-            if int(caller, argument)? == 0 {
+            if interface == 0 {
                 state.driver = None;
                 state.claim(client).map(|()| 0)
             } else {
@@ -149,7 +156,7 @@ fn control(node: &Node, caller: &mut Caller, argument: u64) -> Called {
     let (setup, data) = (Setup::parse(*setup), u64::from_ne_bytes(*data));
     let is_in = setup.request_type & 0x80 != 0;
     let out = if is_in { Vec::new() } else { caller.read(data, setup.length.into())? };
-    Ok(match node.control(&setup, &out) {
+    Ok(match node.control(setup, &out) {
         Ok(answer) => {
             caller.write(data, &answer)?;
             Ok(if is_in { answer.len() as i32 } else { i32::from(setup.length) })

@@ -1,5 +1,6 @@
 //! The command port: takes a command, and has its reply ready some polls later.
 
+use super::dialogue::Misbehaviour;
 use super::registers::Registers;
 use super::{Answer, Setup, Stall};
 use crate::kinect::calibration::ZeroPlane;
@@ -11,7 +12,7 @@ use std::vec::Vec;
 const OUT: u8 = 0x40;
 const IN: u8 = 0xc0;
 /// So many polls find nothing yet, by turns: how many are real is not known, so that none may be counted on.
-const POLLS: [u8; 4] = [0, 1, 0, 3];
+const POLLS: [u32; 4] = [0, 1, 0, 3];
 /// Parameters that command 0x16 tells, and the bytes of each after the status word.
 const SHIFT: u16 = 0x00;
 const REGISTRATION: (u16, usize) = (0x40, 116);
@@ -26,28 +27,44 @@ pub struct Port {
     is_1414: bool,
     cmos: BTreeMap<u16, u16>,
     /// Polls to go, and the reply that waits.
-    waiting: Option<(u8, Vec<u8>)>,
+    waiting: Option<(u32, Vec<u8>)>,
     taken: usize,
+    misbehaviour: Option<Misbehaviour>,
+    /// Polls stall.
+    is_stalled: bool,
 }
 
 impl Port {
-    pub(super) fn new(zero_plane: ZeroPlane, is_1414: bool) -> Self {
-        Self { zero_plane, is_1414, cmos: BTreeMap::new(), waiting: None, taken: 0 }
+    pub(super) fn new(zero_plane: ZeroPlane, is_1414: bool, misbehaviour: Option<Misbehaviour>) -> Self {
+        Self { zero_plane, is_1414, cmos: BTreeMap::new(), waiting: None, taken: 0, misbehaviour, is_stalled: false }
+    }
+
+    /// Nothing waits any more.
+    pub(super) fn reset(&mut self) {
+        self.waiting = None;
+        self.is_stalled = false;
     }
 
     /// A command or a poll.
-    pub(super) fn request(&mut self, setup: &Setup, out: &[u8], registers: &mut Registers) -> Answer {
+    pub(super) fn request(&mut self, setup: Setup, out: &[u8], registers: &mut Registers) -> Answer {
         match (setup.request_type, setup.request) {
             (OUT, 0) => {
                 let command = Command::parse(out).map_err(|_| Stall)?;
                 let payload = self.reply(&command, registers)?;
-                let mut reply = std::vec![0; REPLY_SIZE];
-                let length = Reply { command: command.command, tag: command.tag, status: 0, payload: &payload }.emit(&mut reply);
-                reply.truncate(length.map_err(|_| Stall)?);
-                self.waiting = Some((POLLS[self.taken % POLLS.len()], reply));
+                let reply = Reply { command: command.command, tag: command.tag, status: 0, payload: &payload };
+                let mut bytes = std::vec![0; REPLY_SIZE];
+                let length = reply.emit(&mut bytes).map_err(|_| Stall)?;
+                bytes.truncate(length);
+                let polls = POLLS[self.taken % POLLS.len()];
+                self.waiting = match self.misbehaviour.filter(|misbehaviour| self.taken >= misbehaviour.from) {
+                    Some(misbehaviour) => misbehaviour.spoil(&reply, bytes, polls),
+                    None => Some((polls, bytes)),
+                };
+                self.is_stalled = self.waiting.is_none();
                 self.taken += 1;
                 Ok(Vec::new())
             }
+            (IN, 0) if self.is_stalled => Err(Stall),
             (IN, 0) => Ok(match &mut self.waiting {
                 Some((polls @ 1.., _)) => {
                     *polls -= 1;

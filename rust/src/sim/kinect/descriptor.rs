@@ -6,6 +6,8 @@ use std::vec::Vec;
 
 /// Microsoft's vendor number.
 const VENDOR: u16 = 0x045e;
+/// Linux's own.
+const LINUX: u16 = 0x1d6b;
 /// Standard requests: bmRequestType and bRequest.
 const GET_STATUS: (u8, u8) = (0, 0);
 const CLEAR_FEATURE: (u8, u8) = (0, 1);
@@ -16,6 +18,7 @@ const GET_INTERFACE: (u8, u8) = (0, 10);
 const SET_INTERFACE: (u8, u8) = (0, 11);
 /// Bytes of a slot of the isochronous endpoints: two of 960 in a microframe, and how a descriptor says it.
 const ISOCHRONOUS: (u8, u16) = (1, 0x0bc0);
+const INTERRUPT: (u8, u16) = (3, 1);
 const BULK: (u8, u16) = (2, 512);
 
 /// How fast a device's bus is.
@@ -33,6 +36,8 @@ type Endpoint = (u8, (u8, u16));
 /// All that a device says of itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Descriptors {
+    /// Its maker's number.
+    pub vendor: u16,
     /// Its product number.
     pub product: u16,
     /// Its version, bcdDevice.
@@ -52,7 +57,7 @@ pub struct Descriptors {
 impl Descriptors {
     fn new(product: u16, version: u16, settings: &'static [&'static [Endpoint]], name: &str, serial: &str) -> Self {
         let strings = ["Microsoft", name, serial].map(String::from);
-        Self { product, version, speed: Speed::High, class: 0, power: 16, settings, strings }
+        Self { vendor: VENDOR, product, version, speed: Speed::High, class: 0, power: 16, settings, strings }
     }
 
     /// Of the camera of model 1414, or where `version` is another, of 1473.
@@ -77,9 +82,15 @@ impl Descriptors {
         Self::new(0x02ad, 0x0100, &[&[(0x01, BULK), (0x81, BULK)]], "Xbox NUI Audio", serial)
     }
 
-    /// Of the hub that they are all at.
+    /// Of the hub inside, that they are all at.
     pub fn hub() -> Self {
-        Self { class: 9, power: 100, ..Self::new(0x02c2, 0x0000, &[&[(0x81, (3, 1))]], "Kinect hub", "") }
+        Self { class: 9, power: 100, ..Self::new(0x02c2, 0x0000, &[&[(0x81, INTERRUPT)]], "Xbox NUI Hub", "") }
+    }
+
+    /// Of the bus's own hub, as the kernel makes it up.
+    pub fn root_hub() -> Self {
+        let strings = ["Linux", "Virtual Host Controller", ""].map(String::from);
+        Self { vendor: LINUX, product: 0x0002, power: 0, strings, ..Self::hub() }
     }
 
     /// Alternate settings of the interface.
@@ -94,7 +105,7 @@ impl Descriptors {
 
     /// The device's descriptor, 18 bytes.
     pub fn device(&self) -> Vec<u8> {
-        let [v0, v1] = VENDOR.to_le_bytes();
+        let [v0, v1] = self.vendor.to_le_bytes();
         let [p0, p1] = self.product.to_le_bytes();
         let [d0, d1] = self.version.to_le_bytes();
         let serial = if self.strings[2].is_empty() { 0 } else { 3 };
@@ -112,7 +123,11 @@ impl Descriptors {
             all.push(0);
             for &(address, (kind, size)) in *endpoints {
                 let [s0, s1] = size.to_le_bytes();
-                let interval = if kind == 2 { 0 } else { 1 };
+                let interval = match kind {
+                    1 => 1,
+                    3 => 12,
+                    _ => 0,
+                };
                 all.extend([7, 5, address, kind, s0, s1, interval]);
             }
         }
@@ -134,7 +149,7 @@ impl Descriptors {
     }
 
     /// What every device answers alike.
-    pub(super) fn standard_request(&self, setup: &Setup) -> Answer {
+    pub(super) fn standard_request(&self, setup: Setup) -> Answer {
         match (setup.request_type & 0x60, setup.request) {
             GET_STATUS => Ok(std::vec![1, 0]),
             GET_DESCRIPTOR => match setup.value.to_be_bytes() {

@@ -8,14 +8,18 @@ mod camera;
 mod command;
 mod depth;
 pub mod descriptor;
+mod dialogue;
+mod faults;
 mod motor;
 mod registers;
 mod truth;
 mod video;
 
-pub use audio::Audio;
-pub use camera::Camera;
-pub use depth::{Depth, Ending};
+pub use audio::{Audio, Hub};
+pub use camera::{Camera, Model};
+pub use depth::Depth;
+pub use dialogue::{Misbehaviour, Wrong};
+pub use faults::Faults;
 pub use motor::Motor;
 pub use truth::FrameSent;
 
@@ -26,6 +30,28 @@ use std::vec::Vec;
 pub const VIDEO: u8 = 0x81;
 /// Endpoint of depth, likewise.
 pub const DEPTH: u8 = 0x82;
+
+const MICROFRAMES_PER_SECOND: f64 = 8000.0;
+
+/// What the isochronous endpoint brings in a microframe.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Slot<'a> {
+    /// Its packet; empty where none came.
+    pub bytes: &'a [u8],
+    /// What was wrong on the bus.
+    pub trouble: Option<Trouble>,
+}
+
+/// What the bus says of a packet that failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Trouble {
+    /// It was not fetched in time.
+    Late,
+    /// No answer, or none that can be.
+    Protocol,
+    /// A wrong checksum.
+    Checksum,
+}
 
 /// A control request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,16 +93,21 @@ pub trait Device: Send {
     ///
     /// # Errors
     /// It stalls.
-    fn vendor_request(&mut self, setup: &Setup, out: &[u8], at_ns: i64) -> Answer;
+    fn vendor_request(&mut self, setup: Setup, out: &[u8], at_ns: i64) -> Answer;
 
     /// What the isochronous endpoint brings in its next microframe.
-    fn packet(&mut self, _endpoint: u8) -> &[u8] {
-        &[]
+    fn packet(&mut self, _endpoint: u8) -> Slot<'_> {
+        Slot::default()
     }
 
     /// Whether that endpoint brings more than empty packets.
     fn is_streaming(&self, _endpoint: u8) -> bool {
         false
+    }
+
+    /// Frames of depth that were sent since this was asked for, and how many there were in all.
+    fn frames_sent(&mut self) -> (Vec<FrameSent>, u64) {
+        (Vec::new(), 0)
     }
 
     /// The bus was reset: as after it was plugged in.
@@ -86,7 +117,7 @@ pub trait Device: Send {
     ///
     /// # Errors
     /// It stalls.
-    fn control(&mut self, setup: &Setup, out: &[u8], at_ns: i64) -> Answer {
+    fn control(&mut self, setup: Setup, out: &[u8], at_ns: i64) -> Answer {
         let is_standard = setup.request_type & 0x60 == 0;
         let mut answer = if is_standard { self.descriptors().standard_request(setup) } else { self.vendor_request(setup, out, at_ns) }?;
         answer.truncate(setup.length.into());

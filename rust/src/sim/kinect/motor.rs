@@ -21,6 +21,7 @@ const UNKNOWN_ANGLE: i8 = -128;
 /// The motor of a Kinect that stands level.
 pub struct Motor {
     descriptors: Descriptors,
+    answers: bool,
     led: u16,
     /// Where it was at which time of the host, and where it goes, degrees.
     from: (i64, f64),
@@ -29,11 +30,16 @@ pub struct Motor {
 
 impl Default for Motor {
     fn default() -> Self {
-        Self { descriptors: Descriptors::motor(), led: 0, from: (0, 0.0), to: 0.0 }
+        Self { descriptors: Descriptors::motor(), answers: true, led: 0, from: (0, 0.0), to: 0.0 }
     }
 }
 
 impl Motor {
+    /// Of a model whose motor does not answer: it is told through the microphones.
+    pub fn silent() -> Self {
+        Self { answers: false, ..Self::default() }
+    }
+
     /// 0 off, 1 green, 2 red, 3 yellow, 4 and 5 blinking green, 6 blinking red and yellow.
     pub fn led(&self) -> u16 {
         self.led
@@ -69,8 +75,9 @@ impl Device for Motor {
         &self.descriptors
     }
 
-    fn vendor_request(&mut self, setup: &Setup, _: &[u8], at_ns: i64) -> Answer {
+    fn vendor_request(&mut self, setup: Setup, _: &[u8], at_ns: i64) -> Answer {
         match (setup.request_type, setup.request) {
+            _ if !self.answers => return Err(Stall),
             (0x40, 0x06) if setup.value < LED_STATES => self.led = setup.value,
             (0x40, 0x31) => {
                 self.from = (at_ns, self.angle(at_ns));
@@ -91,11 +98,11 @@ mod tests {
 
     fn tilt(motor: &mut Motor, degrees: i16, at_ns: i64) {
         let setup = Setup { request_type: 0x40, request: 0x31, value: (2 * degrees).cast_unsigned(), index: 0, length: 0 };
-        assert_eq!(motor.control(&setup, &[], at_ns), Ok(Vec::new()));
+        assert_eq!(motor.control(setup, &[], at_ns), Ok(Vec::new()));
     }
 
     fn sense(motor: &mut Motor, at_ns: i64) -> Vec<u8> {
-        motor.control(&Setup { request_type: 0xc0, request: 0x32, value: 0, index: 0, length: 10 }, &[], at_ns).unwrap()
+        motor.control(Setup { request_type: 0xc0, request: 0x32, value: 0, index: 0, length: 10 }, &[], at_ns).unwrap()
     }
 
     #[test]
@@ -115,7 +122,7 @@ mod tests {
     #[test]
     fn what_it_does_not_know_stalls() {
         let setup = Setup { request_type: 0x40, request: 0x06, value: 7, index: 0, length: 0 };
-        assert_eq!(Motor::default().control(&setup, &[], 0), Err(Stall));
-        assert_eq!(Motor::default().control(&Setup { request: 0x33, ..setup }, &[], 0), Err(Stall));
+        assert_eq!(Motor::default().control(setup, &[], 0), Err(Stall));
+        assert_eq!(Motor::default().control(Setup { request: 0x33, ..setup }, &[], 0), Err(Stall));
     }
 }

@@ -13,28 +13,39 @@ pub struct FrameSent {
     pub ticks: u32,
     /// Of its samples, 16 bits each, little-endian: what zlib's crc32 gives.
     pub crc32: u32,
-    /// Packets sent.
-    pub packets: u64,
+    /// Packets that it has.
+    pub packets: usize,
+    /// Those that did not arrive, or not whole, from 0 on.
+    pub lost: Vec<usize>,
 }
 
 /// Puts packets together.
 #[derive(Clone, Debug, Default)]
-pub struct Recorder {
+pub(super) struct Recorder {
     packed: Vec<u8>,
-    packets: u64,
+    packets: usize,
+    lost: Vec<usize>,
     frames: u64,
-    last: Option<FrameSent>,
+    sent: Vec<FrameSent>,
 }
 
 impl Recorder {
-    /// A packet that is sent.
-    pub fn packet(&mut self, bytes: &[u8], packing: Packing) {
-        let Ok(header) = Packet::new(bytes).map_err(|_| ()).and_then(|packet| Header::parse(&packet).map_err(|_| ())) else {
-            return;
-        };
+    /// Frames that are over.
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// A packet that is sent, and whether it arrives whole.
+    pub fn packet(&mut self, bytes: &[u8], packing: Packing, arrives: bool) {
+        let Ok(packet) = Packet::new(bytes) else { return };
+        let Ok(header) = Header::parse(&packet) else { return };
         if header.place == Place::First {
             self.packed.clear();
+            self.lost.clear();
             self.packets = 0;
+        }
+        if !arrives {
+            self.lost.push(self.packets);
         }
         self.packed.extend(&bytes[HEADER..]);
         self.packets += 1;
@@ -45,13 +56,15 @@ impl Recorder {
         if packing.unpack(&self.packed, &mut samples).is_ok() {
             let mut crc = flate2::Crc::new();
             crc.update(&samples.iter().flat_map(|sample| sample.to_le_bytes()).collect::<Vec<u8>>());
-            self.last = Some(FrameSent { frame: self.frames, ticks: header.timestamp_ticks, crc32: crc.sum(), packets: self.packets });
+            let lost = core::mem::take(&mut self.lost);
+            let (frame, ticks) = (self.frames, header.timestamp_ticks);
+            self.sent.push(FrameSent { frame, ticks, crc32: crc.sum(), packets: self.packets, lost });
         }
         self.frames += 1;
     }
 
-    /// The frame that ended since this was asked for.
-    pub fn take(&mut self) -> Option<FrameSent> {
-        self.last.take()
+    /// The frames that ended since this was asked for.
+    pub fn take(&mut self) -> Vec<FrameSent> {
+        core::mem::take(&mut self.sent)
     }
 }

@@ -1,5 +1,6 @@
 //! The video endpoint: colour as Bayer pixels, or the infra-red camera. What they show is a slope that wanders.
 
+use super::Slot;
 use super::registers::Picture;
 use crate::kinect::packet::{Header, Place, Stream};
 use std::vec::Vec;
@@ -50,13 +51,13 @@ impl Video {
         }
     }
 
-    pub(super) fn next_packet(&mut self) -> &[u8] {
+    pub(super) fn next_packet(&mut self) -> Slot<'_> {
         self.packet.clear();
         if let Some(picture) = self.picture {
             self.fill(picture);
             self.microframe += 1;
         }
-        &self.packet
+        Slot { bytes: &self.packet, trouble: None }
     }
 
     fn fill(&mut self, picture: Picture) {

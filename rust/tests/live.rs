@@ -1,0 +1,107 @@
+//! A live Kinect that isn't there: the driver through real libusb, before `virtual-kinect` (rust/virtual), which `VIRTUAL_KINECT` names.
+//! Each test runs its other half, an ignored test of its own, under it.
+#![allow(unsafe_code)] // An allocator that counts is the only way to see allocations.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::process::Command;
+
+use physinc::config::CameraConfig;
+use physinc::kinect::disparity::{HEIGHT, Packing, WIDTH};
+use physinc::sim::{Packets, Scene};
+use physinc::source::usb::Live;
+use physinc::source::{Input, Source};
+use physinc::stream::assembler::Assembler;
+
+thread_local! {
+    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
+}
+
+struct Counting;
+
+// SAFETY: every call is handed on to the system's allocator unchanged; the counter is a plain number that needs no allocation.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+        // SAFETY: as the caller promised.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: as the caller promised.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Runs the ignored test `name` of this file under a virtual Kinect, if there is one.
+fn before(device: &[&str], name: &str) {
+    let Some(program) = std::env::var_os("VIRTUAL_KINECT") else {
+        println!("skipped: VIRTUAL_KINECT does not name the virtual Kinect");
+        return;
+    };
+    let own = std::env::current_exe().expect("this test");
+    let output = Command::new(program).args(device).arg("--").arg(own).args(["--ignored", "--exact", name, "--nocapture"]).output();
+    let output = output.expect("the virtual Kinect runs");
+    assert!(output.status.success(), "{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+}
+
+/// Hands `frames` frames to `sink`, stamp and samples; whole ones only, and nothing lost, allocated or silent between them.
+fn watch(live: &mut Live, frames: u64, mut sink: impl FnMut(i64, &[u16])) {
+    let mut assembler = Assembler::new(Packing::Eleven, vec![0; Packing::Eleven.frame_bytes()]).expect("room");
+    let mut samples = vec![0; WIDTH * HEIGHT];
+    let mut warm = None;
+    while assembler.counters().frames < frames {
+        let input = live.next_input().expect("it is there").expect("it goes on");
+        let Input::Packet { bytes, arrival_ns } = input else { continue };
+        let mut stamp_ns = None;
+        assembler.push(bytes, arrival_ns, &mut |frame| {
+            assert!(frame.is_whole());
+            frame.packing.unpack(frame.packed, &mut samples).expect("as many");
+            stamp_ns = Some(frame.timestamp_ns);
+        });
+        if let Some(stamp_ns) = stamp_ns {
+            let before = ALLOCATIONS.get();
+            assert!(warm.is_none_or(|warm| warm == before), "{} allocations", before - warm.unwrap_or(0));
+            sink(stamp_ns, &samples);
+            warm = Some(ALLOCATIONS.get());
+        }
+    }
+    let counters = assembler.counters();
+    assert_eq!((counters.packets_lost, counters.packets_invalid, counters.frames_incomplete), (0, 0, 0));
+}
+
+#[test]
+fn every_frame_is_what_was_sent_and_none_allocates() {
+    before(&["sim:bounce"], "under_virtual::every_frame");
+}
+
+/// The other halves.
+mod under_virtual {
+    use super::*;
+
+    #[test]
+    #[ignore = "it needs a Kinect"]
+    fn every_frame() {
+        let mut live = Live::open("kinect", &CameraConfig::default()).expect("it is there");
+        let scene = Scene::parse_for_packets("bounce").expect("a scene");
+        let mut sent = Packets::endless(&scene);
+        let mut packed = Assembler::new(Packing::Eleven, vec![0; Packing::Eleven.frame_bytes()]).expect("room");
+        let mut samples = vec![0; WIDTH * HEIGHT];
+        watch(&mut live, 300, |stamp_ns, got| {
+            let mut expected = None;
+            while expected.is_none() {
+                let (bytes, arrival_ns) = sent.next_packet().expect("endless");
+                packed.push(bytes, arrival_ns, &mut |frame| {
+                    frame.packing.unpack(frame.packed, &mut samples).expect("as many");
+                    expected = Some(frame.timestamp_ns);
+                });
+            }
+            assert_eq!(Some(stamp_ns), expected);
+            assert!(got == samples, "at {stamp_ns}");
+        });
+        println!("{:?}", live.traffic());
+    }
+}
