@@ -7,6 +7,7 @@ use super::calibration::ZeroPlane;
 use super::command::{Command, CommandError, HEADER, REPLY_SIZE, Reply, code};
 use super::disparity::Packing;
 use super::model::Model;
+use super::video::Video;
 
 /// Polls for one reply; with a pause of a millisecond between two, at least half a second.
 pub const MOST_POLLS: usize = 500;
@@ -93,13 +94,6 @@ pub struct Calibration {
     pub padding: [u8; 8],
 }
 
-/// What the camera's video endpoint sends, in 640 × 480, 30 a second.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Video {
-    /// Colour, a Bayer mosaic of 8 bits.
-    Bayer,
-}
-
 /// A dialogue that has begun.
 #[derive(Debug)]
 pub struct Session<C> {
@@ -145,6 +139,25 @@ impl<C: Control> Session<C> {
     /// The command failed.
     pub fn stop_depth(&mut self) -> Result<(), SessionError<C::Error>> {
         self.write(&[(0x06, 0)])
+    }
+
+    /// Lets video flow, 30 images a second. Whoever wants all of it has its transfers submitted before.
+    ///
+    /// # Errors
+    /// The first command that failed.
+    pub fn start_video(&mut self, video: Video) -> Result<(), SessionError<C::Error>> {
+        self.write(match video {
+            Video::Color => &[(0x0c, 0), (0x0d, 1), (0x0e, 30), (0x05, 1), (0x47, 0)],
+            Video::Infrared => &[(0x19, 0), (0x1a, 1), (0x1b, 30), (0x105, 0), (0x05, 3), (0x48, 0)],
+        })
+    }
+
+    /// Lets no more video flow.
+    ///
+    /// # Errors
+    /// The command failed.
+    pub fn stop_video(&mut self) -> Result<(), SessionError<C::Error>> {
+        self.write(&[(0x05, 0)])
     }
 
     /// Writes each register its value.

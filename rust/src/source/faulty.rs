@@ -1,12 +1,13 @@
 //! What happens to packets on a bad day, on purpose: a wrapper around any source of them.
 
-use super::{Faults, Input, Kinect, Source, SourceError};
+use super::{Faults, Input, Kinect, LatestVideo, Source, SourceError};
 use crate::geometry::camera::Camera;
 use crate::kinect::packet::{HEADER, Header, Place, Stream};
 use std::boxed::Box;
 use std::collections::VecDeque;
 use std::format;
 use std::string::String;
+use std::sync::Arc;
 use std::time::Duration;
 use std::vec::Vec;
 
@@ -180,6 +181,10 @@ impl Source for Faulty {
 
     fn is_live(&self) -> bool {
         self.source.is_live()
+    }
+
+    fn video(&self) -> Option<Arc<LatestVideo>> {
+        self.source.video()
     }
 
     fn wait_for_return(&mut self, patience: Duration) {

@@ -24,6 +24,7 @@ mod ticks;
 mod tum;
 #[cfg(feature = "usb")]
 pub mod usb;
+mod video;
 
 pub use self::capture::Capture;
 pub use self::csv::Csv;
@@ -38,6 +39,7 @@ pub use recorder::{RecordError, Recorder};
 #[cfg(feature = "sim")]
 pub use simulated::Simulated;
 pub use tum::Tum;
+pub use video::{LatestVideo, VideoImage};
 
 use crate::config::Config;
 use crate::config_file::ConfigFileError;
@@ -51,6 +53,7 @@ use crate::track::Measurement;
 use std::boxed::Box;
 use std::path::Path;
 use std::string::String;
+use std::sync::Arc;
 use std::time::Duration;
 use std::vec::Vec;
 
@@ -115,6 +118,11 @@ pub trait Source: Send {
 
     /// Lets a device be away for so long, where it would otherwise end the stream.
     fn wait_for_return(&mut self, _patience: Duration) {}
+
+    /// Where its newest video image is, if it has video.
+    fn video(&self) -> Option<Arc<LatestVideo>> {
+        None
+    }
 
     /// What the user should know of it so far, a line each.
     fn remarks(&self) -> Vec<String> {

@@ -5,8 +5,9 @@ use super::error::Problem;
 use super::ffi::{Handle, Ring, UsbError};
 use crate::kinect::command::REPLY_SIZE;
 use crate::kinect::disparity::Packing;
-use crate::kinect::model::{DEPTH_ENDPOINT, SLOT};
+use crate::kinect::model::{DEPTH_ENDPOINT, SLOT, VIDEO_ENDPOINT};
 use crate::kinect::session::{Calibration, Control, Session, SessionError, Trouble};
+use crate::kinect::video::Video;
 use core::time::Duration;
 use std::boxed::Box;
 use std::sync::Arc;
@@ -34,25 +35,30 @@ impl Control for Wire {
     }
 }
 
-/// How many transfers are out at once, and how many packets of 125 µs each has.
+/// What is asked of a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Size {
+pub(super) struct Wanted {
+    /// How many transfers are out at once, for each endpoint.
     pub transfers: usize,
+    /// How many packets of 125 µs each has.
     pub packets: usize,
+    /// Beside depth.
+    pub video: Option<Video>,
 }
 
 /// An open camera. Dropped, it is left as it was found.
 pub(super) struct OpenCamera {
     session: Session<Wire>,
     pub depth: Ring,
+    pub video: Option<Ring>,
     pub handle: Arc<Handle>,
     pub calibration: Calibration,
     pub identity: Identity,
 }
 
 impl OpenCamera {
-    /// Opens it and lets depth flow.
-    pub fn start(attached: &Attached, size: Size) -> Result<Self, Problem> {
+    /// Opens it and lets flow what is wanted.
+    pub fn start(attached: &Attached, wanted: Wanted) -> Result<Self, Problem> {
         let node = attached.node();
         if attached.device.is_slow() {
             return Err(Problem::Slow { node });
@@ -67,12 +73,18 @@ impl OpenCamera {
         // Its milliseconds are another tag than last time's, as a rule.
         let tag = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |now| now.as_millis() as u16);
         let (session, calibration) = Session::open(Wire(Arc::clone(&handle)), attached.model(), tag).map_err(confused)?;
-        let Size { transfers, packets } = size;
-        let mut depth = Ring::new(Arc::clone(&handle), DEPTH_ENDPOINT, transfers, packets, SLOT).map_err(failed)?;
-        depth.submit().map_err(failed)?;
-        // From here on depth is stopped whatever happens.
-        let mut camera = Self { session, depth, handle, calibration, identity: attached.identity() };
+        let ring = |endpoint| {
+            let mut ring = Ring::new(Arc::clone(&handle), endpoint, wanted.transfers, wanted.packets, SLOT)?;
+            ring.submit().map(|()| ring)
+        };
+        let depth = ring(DEPTH_ENDPOINT).map_err(failed)?;
+        let video = wanted.video.map(|_| ring(VIDEO_ENDPOINT)).transpose().map_err(failed)?;
+        // From here on all is stopped whatever happens.
+        let mut camera = Self { session, depth, video, handle, calibration, identity: attached.identity() };
         camera.session.start_depth(Packing::Eleven).map_err(confused)?;
+        if let Some(video) = wanted.video {
+            camera.session.start_video(video).map_err(confused)?;
+        }
         Ok(camera)
     }
 }
@@ -80,6 +92,8 @@ impl OpenCamera {
 impl Drop for OpenCamera {
     fn drop(&mut self) {
         // One that is gone, or doesn't answer, can't be stopped.
-        let _ = self.session.stop_depth();
+        if self.session.stop_depth().is_ok() && self.video.is_some() {
+            let _ = self.session.stop_video();
+        }
     }
 }

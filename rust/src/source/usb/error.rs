@@ -3,6 +3,7 @@
 use super::ffi::UsbError;
 use crate::kinect::session::SessionError;
 use std::boxed::Box;
+use std::format;
 use std::string::{String, ToString};
 use std::vec::Vec;
 
@@ -28,10 +29,7 @@ pub enum Problem {
         error: String,
     },
     /// No such Kinect.
-    #[error(
-        "no such Kinect is attached ({}): is its power supply plugged in? `physinc doctor` looks; without one, try `physinc run demo`",
-        among(known)
-    )]
+    #[error("no {}; `physinc doctor` looks further, and without a Kinect there is `physinc run demo`", missing(known))]
     NotFound {
         /// Serial numbers, or places, of those that are.
         known: Vec<String>,
@@ -105,8 +103,11 @@ impl Problem {
     }
 }
 
-fn among(known: &[String]) -> String {
-    if known.is_empty() { "none at all".into() } else { known.join(", ") }
+fn missing(known: &[String]) -> String {
+    if known.is_empty() {
+        return "Kinect is attached: is its power supply plugged in?".into();
+    }
+    format!("such Kinect is attached, of those that are name one: {}", known.join(", "))
 }
 
 fn users(holders: &[String]) -> String {

@@ -1,19 +1,22 @@
 //! A live Kinect as a source of packets.
 
-use super::camera::{OpenCamera, Size};
+use super::camera::{OpenCamera, Wanted};
 use super::devices::{Identity, attached, meant};
 use super::error::{DeviceError, Problem};
-use super::ffi::Fault;
+use super::ffi::{Fault, Packet, UsbError};
 use crate::config::CameraConfig;
 use crate::event::{DisconnectReason, ReconnectReason};
 use crate::geometry::camera::{Camera, DepthCode, KINECT_DISPARITY_LAW};
 use crate::kinect::disparity::Packing;
 use crate::kinect::session::Calibration;
-use crate::source::{Input, Kinect, Source, SourceError};
+use crate::kinect::video::Video;
+use crate::source::{Input, Kinect, LatestVideo, Source, SourceError};
+use crate::stream::assembler::Assembler;
 use core::time::Duration;
 use std::boxed::Box;
 use std::format;
 use std::string::{String, ToString};
+use std::sync::Arc;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 use std::vec::Vec;
 
@@ -41,7 +44,8 @@ pub struct Traffic {
 pub struct Live {
     name: String,
     camera: Camera,
-    size: Size,
+    wanted: Wanted,
+    video: Option<LiveVideo>,
     calibration: Calibration,
     /// By what it is recognised when it comes back, and for how long that is awaited.
     identity: Identity,
@@ -51,6 +55,19 @@ pub struct Live {
     /// A moment on the host's two clocks: steady, and of the day, ns.
     epoch: (Instant, i64),
     newest_ns: i64,
+}
+
+/// What becomes of video.
+struct LiveVideo {
+    assembler: Assembler<Vec<u8>, Video>,
+    latest: Arc<LatestVideo>,
+}
+
+impl LiveVideo {
+    fn new(video: Video) -> Option<Self> {
+        let assembler = Assembler::new(video, std::vec![0; video.frame_bytes()]).ok()?;
+        Some(Self { assembler, latest: Arc::default() })
+    }
 }
 
 enum Link {
@@ -68,14 +85,15 @@ enum Next {
 
 impl Live {
     /// Opens what `name` names: `kinect`, `kinect:SERIAL`, `kinect:PLACE` or `kinect:INDEX`, and behind a `?` perhaps `transfers=16` (how
-    /// many are out at once) and `packets=64` (how many each has, 125 µs apart: fewer come sooner, more wake the host less often).
+    /// many are out at once), `packets=64` (how many each has, 125 µs apart: fewer come sooner, more wake the host less often) and
+    /// `video=color` or `video=infrared`.
     /// The camera is as `keys` say, else as the device itself tells.
     ///
     /// # Errors
     /// There is none, or it can't be had.
     pub fn open(name: &str, keys: &CameraConfig) -> Result<Self, SourceError> {
-        let (device, size) = parse(name).map_err(|what| SourceError::malformed(name, what))?;
-        let open = connect(device, size).map_err(|problem| DeviceError::new(name, problem))?;
+        let (device, wanted) = parse(name).map_err(|what| SourceError::malformed(name, what))?;
+        let open = connect(device, wanted).map_err(|problem| DeviceError::new(name, problem))?;
         let calibration = open.calibration;
         let plane = calibration.zero_plane;
         let law = plane.map_or(KINECT_DISPARITY_LAW, |plane| plane.law());
@@ -86,7 +104,8 @@ impl Live {
         Ok(Self {
             name: name.into(),
             camera,
-            size,
+            wanted,
+            video: wanted.video.and_then(LiveVideo::new),
             calibration,
             identity: open.identity.clone(),
             patience: None,
@@ -124,7 +143,8 @@ impl Live {
                 Ok(false) => {
                     waiting.get_or_insert_with(Instant::now);
                     self.traffic.wakeups += 1;
-                    open.handle.context().handle_events(SILENCE)
+                    let outcome = open.handle.context().handle_events(SILENCE);
+                    outcome.and_then(|()| self.watch_video())
                 }
                 Err(error) => Err(error),
             };
@@ -137,6 +157,19 @@ impl Live {
         }
     }
 
+    /// Puts together what came of video.
+    fn watch_video(&mut self) -> Result<(), UsbError> {
+        let (Link::Up(open), Some(LiveVideo { assembler, latest })) = (&mut self.link, &mut self.video) else { return Ok(()) };
+        let Some(ring) = &mut open.video else { return Ok(()) };
+        let epoch = self.epoch;
+        while ring.advance()? {
+            if let Some(Packet { bytes: Ok(bytes), arrival }) = ring.packet() {
+                assembler.push(bytes, nanoseconds(epoch, arrival), &mut |frame| latest.put(&frame));
+            }
+        }
+        Ok(())
+    }
+
     /// Looks whether the device is back.
     fn look_for_it(&mut self) -> Result<Next, SourceError> {
         let Link::Away { since, evidence } = &self.link else { return Ok(Next::Silence) };
@@ -146,18 +179,19 @@ impl Live {
         }
         std::thread::sleep(SILENCE);
         // It comes in steps, and permission last.
-        let Ok(open) = connect(self.identity.name(), self.size) else { return Ok(Next::Silence) };
+        let Ok(open) = connect(self.identity.name(), self.wanted) else { return Ok(Next::Silence) };
         self.link = Link::Up(open);
+        if let Some(video) = &mut self.video {
+            video.assembler.begin_anew();
+        }
         Ok(Next::Reconnected)
     }
+}
 
-    /// Nanoseconds of the day's clock, which never go back.
-    fn nanoseconds(&mut self, moment: Instant) -> i64 {
-        let (instant, ns) = self.epoch;
-        let since = moment.checked_duration_since(instant).unwrap_or_default();
-        self.newest_ns = self.newest_ns.max(ns.saturating_add(since.as_nanos() as i64));
-        self.newest_ns
-    }
+/// `moment` on the day's clock, by a moment on both, ns.
+fn nanoseconds((instant, ns): (Instant, i64), moment: Instant) -> i64 {
+    let since = moment.checked_duration_since(instant).unwrap_or_default();
+    ns.saturating_add(since.as_nanos() as i64)
 }
 
 impl Traffic {
@@ -193,6 +227,10 @@ impl Source for Live {
         true
     }
 
+    fn video(&self) -> Option<Arc<LatestVideo>> {
+        self.video.as_ref().map(|video| Arc::clone(&video.latest))
+    }
+
     fn wait_for_return(&mut self, patience: Duration) {
         self.patience = Some(patience);
     }
@@ -222,21 +260,22 @@ impl Source for Live {
                 })));
             }
         };
-        let arrival_ns = self.nanoseconds(arrival);
+        // It never goes back, however the host's threads are woken.
+        self.newest_ns = self.newest_ns.max(nanoseconds(self.epoch, arrival));
         let packet = match &self.link {
             Link::Up(open) => open.depth.packet(),
             Link::Away { .. } => None,
         };
         let bytes = packet.and_then(|packet| packet.bytes.ok()).unwrap_or_default();
-        Ok(Some(Input::Packet { bytes, arrival_ns }))
+        Ok(Some(Input::Packet { bytes, arrival_ns: self.newest_ns }))
     }
 }
 
 /// Opens the first that `name` may mean and that can be had.
-fn connect(name: &str, size: Size) -> Result<Box<OpenCamera>, Problem> {
+fn connect(name: &str, wanted: Wanted) -> Result<Box<OpenCamera>, Problem> {
     let mut first = None;
     for one in meant(name, attached()?)? {
-        match OpenCamera::start(&one, size) {
+        match OpenCamera::start(&one, wanted) {
             Ok(open) => return Ok(Box::new(open)),
             Err(problem) => first = first.or(Some(problem)),
         }
@@ -244,21 +283,29 @@ fn connect(name: &str, size: Size) -> Result<Box<OpenCamera>, Problem> {
     Err(first.unwrap_or(Problem::NotFound { known: Vec::new() }))
 }
 
-/// Which device, and the size of its ring.
-fn parse(name: &str) -> Result<(&str, Size), String> {
+/// Which device, and what is asked of it.
+fn parse(name: &str) -> Result<(&str, Wanted), String> {
     let (device, keys) = name.split_once('?').unwrap_or((name, ""));
     let device = device.trim_start_matches("kinect").trim_start_matches(':');
-    let mut size = Size { transfers: 16, packets: 64 };
+    let mut wanted = Wanted { transfers: 16, packets: 64, video: None };
     for pair in keys.split('&').filter(|pair| !pair.is_empty()) {
         let (key, value) = pair.split_once('=').unwrap_or((pair, ""));
         let (place, most) = match key {
-            "transfers" => (&mut size.transfers, 256),
-            "packets" => (&mut size.packets, 128),
-            _ => return Err(format!("{key} is no key of a Kinect; there are transfers and packets")),
+            "transfers" => (&mut wanted.transfers, 256),
+            "packets" => (&mut wanted.packets, 128),
+            "video" => {
+                wanted.video = Some(match value {
+                    "color" => Video::Color,
+                    "infrared" => Video::Infrared,
+                    _ => return Err(format!("{pair}: expected color or infrared")),
+                });
+                continue;
+            }
+            _ => return Err(format!("{key} is no key of a Kinect; there are transfers, packets and video")),
         };
         *place = value.parse().ok().filter(|count| (1..=most).contains(count)).ok_or_else(|| format!("{pair}: expected 1 to {most}"))?;
     }
-    Ok((device, size))
+    Ok((device, wanted))
 }
 
 #[cfg(test)]
@@ -267,11 +314,12 @@ mod tests {
 
     #[test]
     fn names_say_which_and_how() {
-        let default = Size { transfers: 16, packets: 64 };
+        let default = Wanted { transfers: 16, packets: 64, video: None };
         assert_eq!(parse("kinect"), Ok(("", default)));
         assert_eq!(parse("kinect:A00362A12345"), Ok(("A00362A12345", default)));
-        assert_eq!(parse("kinect:1-2.1?packets=16&transfers=8"), Ok(("1-2.1", Size { transfers: 8, packets: 16 })));
-        for wrong in ["kinect?packets=129", "kinect?packets=0", "kinect?transfers=", "kinect?lose=1"] {
+        assert_eq!(parse("kinect:1-2.1?packets=16&transfers=8"), Ok(("1-2.1", Wanted { transfers: 8, packets: 16, ..default })));
+        assert_eq!(parse("kinect?video=infrared"), Ok(("", Wanted { video: Some(Video::Infrared), ..default })));
+        for wrong in ["kinect?video=red", "kinect?packets=129", "kinect?packets=0", "kinect?transfers=", "kinect?lose=1"] {
             assert!(parse(wrong).is_err(), "{wrong}");
         }
     }

@@ -5,7 +5,7 @@
 
 mod ring;
 
-pub use ring::{Fault, Ring};
+pub use ring::{Fault, Packet, Ring};
 
 use core::ffi::{CStr, c_int};
 use core::ptr::{self, NonNull};
