@@ -13,7 +13,7 @@ export PIP_QUIET := 1
 export PROPTEST_RNG_SEED ?= 2017
 unexport CONDA_PREFIX PYTHONPATH PYTHONHOME
 
-.PHONY: help demo recordings test test-rust test-python virtual aarch64 bench measures fuzz lint format clean
+.PHONY: help demo recordings test test-rust test-python virtual test-usb-kernel aarch64 bench measures fuzz lint format clean
 
 help:  ## what can be made
 	@sed -n 's/^\([a-z0-9-]*\):[^#]*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 20
@@ -35,6 +35,9 @@ test-python: .venv/.installed
 
 virtual:  ## target/release/virtual-kinect, which runs a program beside a Kinect that isn't there
 	cargo build --release --locked --manifest-path rust/virtual/Cargo.toml --target-dir $(or $(CARGO_TARGET_DIR),target)
+
+test-usb-kernel: .venv/.installed virtual  ## the driver on a real kernel's usbfs, in a guest of QEMU (what it needs: tests/usb_kernel/run)
+	tests/usb_kernel/run
 
 aarch64:  ## the library on aarch64 under qemu-user: tests, instructions a frame (what it needs: rust/tests/aarch64/count)
 	rust/tests/aarch64/count

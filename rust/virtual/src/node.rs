@@ -17,6 +17,7 @@ const MOST_REAPED: usize = 16;
 
 /// bmRequestType and bRequest.
 const SET_INTERFACE: (u8, u8) = (0x01, 11);
+const SET_CONFIGURATION: (u8, u8) = (0x00, 9);
 
 /// An open file of a program: how often the device was plugged in before it was opened, and its number then.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,6 +60,8 @@ pub struct State {
     pub claimed_by: Option<Client>,
     /// The kernel's driver that holds its interface.
     pub driver: Option<String>,
+    /// Whether the kernel has made it ready for programs.
+    pub is_configured: bool,
     /// Alternate setting of the interface.
     pub setting: usize,
     /// Its number at the bus.
@@ -83,6 +86,7 @@ impl Node {
             device,
             claimed_by: None,
             driver: None,
+            is_configured: false,
             setting: 0,
             address: 0,
             gate: None,
@@ -119,7 +123,7 @@ impl Node {
         state.gate = Some(gate);
         state.address = address;
         state.plugs += 1;
-        state.setting = 0;
+        (state.setting, state.is_configured) = (0, false);
         (state.requests, state.frames) = (0, state.device.frames_sent().1);
         state.claimed_by = self.nature.is_busy.then_some(SOMEONE);
         state.driver.clone_from(&self.nature.driver);
@@ -314,8 +318,10 @@ impl Node {
             return Err(Errno::NODEV);
         }
         let answer = state.device.control(setup, out, self.now_ns());
-        if answer.is_ok() && (setup.request_type, setup.request) == SET_INTERFACE {
-            state.setting = setup.value.into();
+        match (setup.request_type, setup.request) {
+            SET_INTERFACE if answer.is_ok() => state.setting = setup.value.into(),
+            SET_CONFIGURATION => state.is_configured = answer.is_ok(),
+            _ => (),
         }
         Ok(answer.map_err(|_| Errno::PIPE))
     }

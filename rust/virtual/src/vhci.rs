@@ -13,6 +13,7 @@ use std::io::{self, Read, Write};
 use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 use std::{fs, thread};
 
 const CONTROLLER: &str = "/sys/devices/platform/vhci_hcd.0";
@@ -31,6 +32,8 @@ const DESCRIPTOR: usize = 16;
 const MOST_PACKETS: usize = 1024;
 /// Likewise of its bytes.
 const MOST_BYTES: usize = 1 << 22;
+/// For the kernel to ask what it needs to know.
+const MOST_PATIENCE: Duration = Duration::from_secs(30);
 
 /// The controller, and our ends of what is attached.
 #[derive(Default)]
@@ -69,6 +72,13 @@ impl Bus for Vhci {
             let _ = connection.listen(client, ours);
             connection.node.close(client);
         });
+        let attached = Instant::now();
+        while !node.state().is_configured {
+            if attached.elapsed() > MOST_PATIENCE {
+                return Err(io::Error::new(io::ErrorKind::TimedOut, "the kernel does not take it"));
+            }
+            thread::sleep(Duration::from_millis(10));
+        }
         Ok(())
     }
 

@@ -4,7 +4,7 @@ use super::dialogue::Misbehaviour;
 use super::registers::Registers;
 use super::{Answer, Setup, Stall};
 use crate::kinect::calibration::ZeroPlane;
-use crate::kinect::command::{Command, HEADER, REPLY_SIZE, Reply, code};
+use crate::kinect::command::{Command, REPLY_SIZE, Reply, code};
 use std::collections::BTreeMap;
 use std::vec::Vec;
 
@@ -13,10 +13,17 @@ const OUT: u8 = 0x40;
 const IN: u8 = 0xc0;
 /// So many polls find nothing yet, by turns: how many are real is not known, so that none may be counted on.
 const POLLS: [u32; 4] = [0, 1, 0, 3];
-/// Parameters that command 0x16 tells, and the bytes of each after the status word.
+/// The parameter of the shift in command 0x16, that of the zero plane in command 0x04; others, and how many bytes each has after the
+/// status word. What they mean is not needed: zeros.
 const SHIFT: u16 = 0x00;
-const REGISTRATION: (u16, usize) = (0x40, 116);
-const REGISTRATION_PADDING: (u16, usize) = (0x41, 6);
+const ZERO_PLANE: u16 = 0x00;
+const OTHERS: [(u16, u16, usize); 5] = [
+    (code::MODE_PARAMETERS, 0x01, 2),
+    (code::MODE_PARAMETERS, 0x40, 116),
+    (code::MODE_PARAMETERS, 0x41, 6),
+    (code::MODE_PARAMETERS, 0xc0, 12),
+    (code::FIXED_PARAMETERS, 0x17, 228),
+];
 /// What the reply to command 0x04 has more from models other than 1414.
 const LONGER: usize = 12;
 
@@ -85,17 +92,17 @@ impl Port {
                 registers.write(*register, *value);
                 Ok(Vec::new())
             }
-            (code::FIXED_PARAMETERS, _) => {
+            (code::FIXED_PARAMETERS, [ZERO_PLANE, ..]) => {
                 let mut fixed = self.zero_plane.replies().0.to_vec();
                 fixed.resize(fixed.len() + if self.is_1414 { 0 } else { LONGER }, 0);
                 Ok(fixed)
             }
             (code::MODE_PARAMETERS, [SHIFT, ..]) => Ok(self.zero_plane.replies().1.into()),
-            (code::MODE_PARAMETERS, [parameter, ..]) => {
-                let told = [REGISTRATION, REGISTRATION_PADDING].into_iter().find(|(known, _)| known == parameter);
-                told.map(|(_, length)| std::vec![0; length]).ok_or(Stall)
-            }
             (code::CMOS, [_, pairs @ ..]) => Ok(self.cmos(pairs)),
+            (number, [parameter, ..]) => {
+                let told = OTHERS.iter().find(|(code, known, _)| (*code, *known) == (number, *parameter));
+                told.map(|(_, _, length)| std::vec![0; *length]).ok_or(Stall)
+            }
             _ => Err(Stall),
         }
     }
@@ -112,5 +119,3 @@ impl Port {
         answers.flat_map(u16::to_le_bytes).collect()
     }
 }
-
-const _: () = assert!(HEADER + 2 + REGISTRATION.1 < REPLY_SIZE);
