@@ -19,7 +19,7 @@ from physinc.cli import main
 def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Throws before a camera that looks 20° down, of which no pose is told."""
     out = tmp_path_factory.mktemp("room") / "room.npz"
-    assert main(["simulate", "bounce?tilt_deg=20&pose=false&throws=3&seed=4", str(out)]) == 0
+    assert main(["simulate", "bounce?tilt_deg=20&pose=false&throws=2&seed=4", str(out)]) == 0
     return out
 
 

@@ -985,6 +985,8 @@ def open_source(
     duration: float | None,
     every_frame: bool,
     reconnect: float | None,
+    record: str | os.PathLike[str] | None,
+    tum: bool,
     timeout: float | None,
 ) -> Stream: ...
 def open_iterable(
@@ -1005,10 +1007,18 @@ class Recording:
     @property
     def remarks(self) -> list[str]:
         """What the user should know of the source so far, a line each."""
+    @property
+    def counters(self) -> Counters:
+        """Frames, and what was lost of a source of packets."""
+    @property
+    def bytes(self) -> int:
+        """How much was written, bytes."""
     def close(self) -> None:
         """Completes what was recorded; no more frames."""
 
-def open_recording(source: str, out: str | os.PathLike[str], *, tum: bool, frames: int | None) -> Recording: ...
+def open_recording(
+    source: str, out: str | os.PathLike[str], *, gravity: list[float] | None, tum: bool, frames: int | None
+) -> Recording: ...
 def simulate(scene: str, out: str | os.PathLike[str]) -> tuple[int, int, int]: ...
 def scenes() -> list[str]: ...
 def accelerations(t: ArrayLike, positions: ArrayLike) -> _Array: ...

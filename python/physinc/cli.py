@@ -16,7 +16,7 @@ from ._physinc import open_recording
 from ._physinc import simulate as simulate_scene
 from .device_commands import devices, doctor
 from .errors import ConfigError, DeviceDisconnectedError, DeviceNotFoundError, PhysincError
-from .level import Level
+from .level import Level, gravity_of
 from .motor_commands import led, tilt
 from .narration import Narration, Progress
 from .streaming import open_named, path_of
@@ -60,6 +60,8 @@ def run(
     every_frame: Annotated[bool, Flag] = False,
     level: Annotated[Level | None, Parameter(show_default=False)] = None,
     reconnect: Annotated[float | None, Parameter(validator=validators.Number(gte=0))] = None,
+    record: Annotated[Path | None, Parameter(show_default=False)] = None,
+    tum: Annotated[bool, Flag] = False,
     dump_config: Annotated[bool, Flag] = False,
 ) -> int:
     """Tell what happens in SOURCE, as it happens.
@@ -93,6 +95,10 @@ def run(
         accelerometer: the world of a live Kinect is level by its own accelerometer; balls that fly otherwise are told.
     reconnect
         A device may be away for so many seconds: the stream goes on when it is back.
+    record
+        Also record SOURCE there, as physinc record does.
+    tum
+        A folder that is recorded has the layout of TUM RGB-D.
     dump_config
         Print the configuration in force (for SOURCE, if it is given), and exit.
 
@@ -114,6 +120,8 @@ def run(
         duration=duration,
         every_frame=every_frame,
         reconnect=reconnect,
+        record=record,
+        tum=tum,
         timeout=timeout,
     )
     interrupted = False
@@ -136,6 +144,7 @@ def run(
                 narration.tell(event)
             narration.close(stream.busy)
     finally:
+        stream.close()
         remark(source, stream.remarks)
     return 130 if interrupted else 0
 
@@ -154,6 +163,7 @@ def record(
     *,
     frames: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
     every_frame: Annotated[bool, Flag] = False,
+    level: Annotated[Level | None, Parameter(show_default=False)] = None,
     tum: Annotated[bool, Flag] = False,
 ) -> int:
     """Record SOURCE in OUT, with the camera in camera.toml, so that `physinc run OUT` tells the same.
@@ -166,11 +176,13 @@ def record(
         FILE.npz (disparity as it is, depth in whole mm), or else a folder in fakenect's layout: stamps become ticks of 60 MHz, at most
         8 ns away. Of a source of packets also FILE.pcapng, FILE.pcapng.gz or FILE.pcapng.zst: the packets themselves; elsewhere lost
         samples read as 2047. Nothing is overwritten. A folder is readable up to its last frame even if the recording is killed, a
-        capture up to its last second.
+        file up to its last second.
     frames
         Stop after so many frames.
     every_frame
         Live devices wait instead of dropping frames; of recordings every frame is used anyway.
+    level
+        accelerometer: camera.toml tells what a live Kinect's accelerometer says, so that the recording's world is level, too.
     tum
         The folder has the layout of TUM RGB-D instead, which keeps every stamp and every sample.
 
@@ -178,11 +190,11 @@ def record(
     del every_frame
     # Ctrl-C ends the recording, which is completed first.
     with (
-        open_recording(path_of(source), out, tum=tum, frames=frames) as recording,
+        open_recording(path_of(source), out, gravity=gravity_of(source, level), tum=tum, frames=frames) as recording,
         Progress(out, frames) as progress,
     ):
         for count, timestamp_ns in recording:
-            progress.tell(count, timestamp_ns)
+            progress.tell(count, timestamp_ns, lost=recording.counters.packets_lost, size=recording.bytes)
         remarks = recording.remarks
     remark(source, remarks)
     return 0

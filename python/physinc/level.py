@@ -30,12 +30,14 @@ def gravity_of(source: object, level: Level | None) -> list[float] | None:
         return None
     if level != "accelerometer":
         raise ConfigError(f"level = {level!r}: expected 'accelerometer', or None")
-    if not isinstance(source, str) or source.partition(":")[0] != "kinect":
+    # Behind a question mark are details of the transfers.
+    name, _, which = source.partition("?")[0].partition(":") if isinstance(source, str) else ("", "", "")
+    if name != "kinect":
         what = source if isinstance(source, str) else "an iterable"
         raise ConfigError(
             f"level = 'accelerometer': {what} has none, only a live Kinect has (a recording keeps what it said in camera.toml)"
         )
-    with Motor(source.partition(":")[2] or 0) as motor:
+    with Motor(which or 0) as motor:
         at_rest(motor)
         gravity = motor.accelerometer(READINGS)
     size = float(np.linalg.norm(gravity))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ._physinc import Position, Stream, open_iterable, open_source
 from .config import CameraConfig, Config
+from .errors import ConfigError
 from .level import Level, gravity_of
 
 Depth: TypeAlias = NDArray[np.uint16] | NDArray[np.float32]
@@ -37,6 +38,7 @@ def stream(
     provisional: bool = False,
     frames: bool = False,
     level: Level | None = None,
+    record: str | os.PathLike[str] | None = None,
     timeout: float | None = 2.0,
     reconnect: bool = False,
 ) -> Stream:
@@ -55,6 +57,7 @@ def stream(
     events are not.
     With `level="accelerometer"` the world of a live Kinect is level, as far as its accelerometer knows, unless `world_from_camera` is
     given: z is up, y forward. Where thrown balls show another gravity, that is told (`level_disagreement`).
+    With `record`, what the source delivers is recorded there, too, as `physinc record` does: closing the stream completes the recording.
     After `timeout` seconds without input `StreamTimeoutError` is raised (`None`: wait as long as it takes); iterables are waited for.
     Of a live Kinect there is video as well: `"kinect?video=color"`, or `infrared`, and the stream's `video` is the newest image.
     With `reconnect` a device that is unplugged is awaited, and the stream goes on; otherwise `DeviceDisconnectedError` is raised then.
@@ -74,10 +77,13 @@ def stream(
             provisional=provisional,
             images=frames,
             level=level,
+            record=record,
             reconnect=math.inf if reconnect else None,
             timeout=timeout,
         )
     gravity_of(source, level)
+    if record is not None:
+        raise ConfigError(f"record = {os.fspath(record)}: an iterable's own items can't be recorded; only what physinc reads itself")
     return open_iterable(source, config=config, camera=camera, positions=positions, provisional=provisional, images=frames)
 
 
@@ -94,6 +100,8 @@ def open_named(
     duration: float | None = None,
     every_frame: bool = False,
     reconnect: float | None = None,
+    record: str | os.PathLike[str] | None = None,
+    tum: bool = False,
     timeout: float | None = 2.0,
 ) -> Stream:
     """Open a source by name, as the command line does: at most `frames` inputs, and `duration` seconds of them.
@@ -114,6 +122,8 @@ def open_named(
         duration=duration,
         every_frame=every_frame,
         reconnect=reconnect,
+        record=record,
+        tum=tum,
         timeout=timeout,
     )
 

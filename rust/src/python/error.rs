@@ -24,6 +24,7 @@ impl From<SourceError> for PyErr {
     fn from(error: SourceError) -> Self {
         let message = error.to_string();
         match error {
+            SourceError::Record(error) => (*error).into(),
             SourceError::NotFound { .. } => exceptions::RecordingNotFoundError::new_err(message),
             SourceError::Device(DeviceError { problem, .. }) => match problem {
                 Problem::NoBus { .. } | Problem::NotFound { .. } => exceptions::DeviceNotFoundError::new_err(message),

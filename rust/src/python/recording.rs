@@ -1,9 +1,10 @@
 //! A source that is being recorded.
 
 use super::error::{ConfigError, StreamTimeoutError};
+use super::event::Counters;
 use super::waiting::wait_for;
 use crate::config::Config;
-use crate::source::{self, RecordError, Recorded};
+use crate::source::{self, RecordError, Recorded, Recorder};
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
 use std::format;
@@ -56,6 +57,18 @@ impl Recording {
         self.recording().as_ref().map_or_else(Vec::new, source::Recording::remarks)
     }
 
+    /// Frames, and what was lost of a source of packets.
+    #[getter]
+    fn counters(&self) -> Counters {
+        Counters(self.recording().as_ref().map(source::Recording::counters).unwrap_or_default())
+    }
+
+    /// How much was written, bytes.
+    #[getter]
+    fn bytes(&self) -> u64 {
+        self.recording().as_ref().map_or(0, source::Recording::bytes)
+    }
+
     /// Completes what was recorded; no more frames.
     fn close(&self, py: Python<'_>) -> PyResult<()> {
         Ok(py.detach(|| self.recording().take().map_or(Ok(()), source::Recording::finish))?)
@@ -68,14 +81,24 @@ impl Recording {
     }
 }
 
-/// Will record at most `frames` of `source` in `out`: a `*.npz`, a folder, in fakenect's layout or, with `tum`, in TUM's, or a capture.
+/// Will record at most `frames` of `source`, in whose camera an accelerometer tells `gravity`, in `out`: a `*.npz`, a folder, in fakenect's layout or, with `tum`, in TUM's, or a capture.
 #[pyfunction]
-#[pyo3(signature = (source, out, *, tum, frames))]
+#[pyo3(signature = (source, out, *, gravity, tum, frames))]
 #[allow(clippy::needless_pass_by_value)] // As Python gives it.
-pub fn open_recording(py: Python<'_>, source: &str, out: PathBuf, tum: bool, frames: Option<u64>) -> PyResult<Recording> {
+pub fn open_recording(
+    py: Python<'_>,
+    source: &str,
+    out: PathBuf,
+    gravity: Option<[f64; 3]>,
+    tum: bool,
+    frames: Option<u64>,
+) -> PyResult<Recording> {
     let named = String::from(source);
-    let source = wait_for(py, move || source::open(&named, &Config::default(), None))??;
-    Ok(Recording(Mutex::new(Some(source::Recording::new(source, &out, tum, frames)?))))
+    let mut config = Config::default();
+    config.camera.gravity_in_camera = gravity;
+    let source = wait_for(py, move || source::open(&named, &config, None))??;
+    let recorder = Recorder::new(&*source, &out, tum)?;
+    Ok(Recording(Mutex::new(Some(source::Recording::new(source, recorder, frames)))))
 }
 
 impl From<RecordError> for PyErr {

@@ -12,12 +12,14 @@ use crate::event::Event;
 use crate::math::rows;
 use crate::reasoning::Predictor;
 use crate::run::{Latest, Next, Options, Reader, Run, Step};
-use crate::source::LatestVideo;
+use crate::source::{LatestVideo, Recorder, Tape, Taped};
 use crate::time;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
+use std::boxed::Box;
 use std::collections::{BTreeMap, VecDeque};
 use std::format;
+use std::path::PathBuf;
 use std::string::String;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -34,6 +36,7 @@ pub struct Stream {
     now: Mutex<Now>,
     shown: Option<Shown<Latest, Frame>>,
     filmed: Option<Shown<LatestVideo, VideoFrame>>,
+    tape: Option<Tape>,
 }
 
 /// Where images come from, if they are wanted, and the newest that was handed out.
@@ -88,12 +91,13 @@ impl Stream {
                 Ok(Some(Step { events, predictors, counters, busy, arrival_ns })) => {
                     *self.now() = Now { events: events.into(), predictors, counters, busy, arrival_ns };
                 }
-                Ok(None) => self.close(py),
+                Ok(None) => self.close(py)?,
                 Err(error) => {
                     // Silence and Ctrl-C leave the stream as it is, what else went wrong ends it.
                     if !error.is_instance_of::<StreamTimeoutError>(py) && !error.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py)
                     {
-                        self.close(py);
+                        // What went wrong first is told.
+                        let _ = self.close(py);
                     }
                     return Err(error);
                 }
@@ -107,17 +111,19 @@ impl Stream {
     }
 
     #[pyo3(signature = (*_exception))]
-    fn __exit__(&self, py: Python<'_>, _exception: &Bound<'_, pyo3::types::PyTuple>) {
-        self.close(py);
+    fn __exit__(&self, py: Python<'_>, _exception: &Bound<'_, pyo3::types::PyTuple>) -> PyResult<()> {
+        self.close(py)
     }
 
-    /// Stops reading; no more events. A device can be opened again afterwards.
-    fn close(&self, py: Python<'_>) {
+    /// Stops reading; no more events. A device can be opened again afterwards, and a recording is complete.
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
         self.closed.store(true, Ordering::Relaxed);
         self.interrupt();
         if let Feed::Reader(reader) = &self.feed {
             py.detach(|| reader.release());
         }
+        py.detach(|| self.tape.as_ref().map_or(Ok(()), Tape::finish))?;
+        Ok(())
     }
 
     /// Ends the stream as Ctrl-C does: what is known becomes final, and `stream_ended` is the last event.
@@ -183,7 +189,13 @@ impl Stream {
 }
 
 impl Stream {
-    fn new(feed: Feed, timeout: Option<f64>, latest: Option<Arc<Latest>>, video: Option<Arc<LatestVideo>>) -> PyResult<Self> {
+    fn new(
+        feed: Feed,
+        timeout: Option<f64>,
+        latest: Option<Arc<Latest>>,
+        video: Option<Arc<LatestVideo>>,
+        tape: Option<Tape>,
+    ) -> PyResult<Self> {
         let timeout = match timeout {
             None => None,
             Some(seconds) if seconds > 0.0 => Duration::try_from_secs_f64(seconds).ok(),
@@ -197,6 +209,7 @@ impl Stream {
             now: Mutex::default(),
             shown: latest.map(Shown::new),
             filmed: video.map(Shown::new),
+            tape,
         })
     }
 
@@ -266,9 +279,10 @@ impl Track {
     }
 }
 
-/// Opens a source by name. `name` is what the stream calls it, `gravity` what an accelerometer in its camera tells.
+/// Opens a source by name. `name` is what the stream calls it, `gravity` what an accelerometer in its camera tells; what it
+/// delivers is recorded in `record`, in TUM's layout with `tum`.
 #[pyfunction]
-#[pyo3(signature = (source, *, name, config, camera, positions, provisional, images, gravity, frames, duration, every_frame, reconnect, timeout))]
+#[pyo3(signature = (source, *, name, config, camera, positions, provisional, images, gravity, frames, duration, every_frame, reconnect, record, tum, timeout))]
 #[allow(clippy::too_many_arguments, clippy::fn_params_excessive_bools)] // They are Python's.
 pub fn open_source(
     py: Python<'_>,
@@ -284,6 +298,8 @@ pub fn open_source(
     duration: Option<f64>,
     every_frame: bool,
     reconnect: Option<f64>,
+    record: Option<PathBuf>,
+    tum: bool,
     timeout: Option<f64>,
 ) -> PyResult<Stream> {
     let mut config = config::config(config)?;
@@ -301,6 +317,10 @@ pub fn open_source(
     if let Some(seconds) = reconnect {
         source.wait_for_return(Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX));
     }
+    let tape = record.map(|out| Recorder::new(&*source, &out, tum)).transpose()?.map(Tape::new);
+    if let Some(tape) = &tape {
+        source = Box::new(Taped::new(source, tape.clone()));
+    }
     let options = Options { positions, provisional, frames, duration, every_frame };
     let mut run = Run::of(&*source, name.unwrap_or(source.name()), &config, options)?;
     let latest = images.then(Arc::<Latest>::default);
@@ -308,7 +328,7 @@ pub fn open_source(
         run.show(Arc::clone(latest));
     }
     let video = source.video();
-    Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout, latest, video)
+    Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout, latest, video, tape)
 }
 
 /// Takes frames or positions from a Python iterable.
@@ -331,5 +351,5 @@ pub fn open_iterable(
     config.validate()?;
     let options = Options { positions, provisional, ..Options::default() };
     let latest = images.then(Arc::<Latest>::default);
-    Stream::new(Feed::Iterable(Mutex::new(Iterable::new(items, config, options, latest.clone())?)), None, latest, None)
+    Stream::new(Feed::Iterable(Mutex::new(Iterable::new(items, config, options, latest.clone())?)), None, latest, None, None)
 }

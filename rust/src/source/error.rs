@@ -1,9 +1,10 @@
 //! What can be wrong with a source: what happened, the evidence, and what mends it.
 
-use super::KINDS;
+use super::{KINDS, RecordError};
 use crate::config_file::ConfigFileError;
 use crate::error::ConfigError;
 use crate::seeing::SeeError;
+use std::boxed::Box;
 use std::io;
 use std::string::String;
 
@@ -62,6 +63,9 @@ pub enum SourceError {
     /// The camera can't be.
     #[error(transparent)]
     Camera(#[from] ConfigError),
+    /// It can't be recorded any longer.
+    #[error(transparent)]
+    Record(Box<RecordError>),
     /// A frame that is not its camera's.
     #[error(transparent)]
     Image(#[from] SeeError),
@@ -80,5 +84,14 @@ impl SourceError {
 
     pub(crate) fn malformed(source_name: &str, what: impl Into<String>) -> Self {
         Self::Malformed { source_name: source_name.into(), what: what.into() }
+    }
+}
+
+impl From<RecordError> for SourceError {
+    fn from(error: RecordError) -> Self {
+        match error {
+            RecordError::Source(error) => error,
+            error => Self::Record(Box::new(error)),
+        }
     }
 }

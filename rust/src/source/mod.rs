@@ -13,8 +13,10 @@ mod faults;
 mod faulty;
 mod folder;
 mod npz;
+mod npz_layout;
 mod npz_record;
 mod record;
+mod recorder;
 mod sidecar;
 #[cfg(feature = "sim")]
 mod simulated;
@@ -32,7 +34,8 @@ pub use fakenect::Fakenect;
 pub use faults::Faults;
 pub use faulty::{Faulty, Injected};
 pub use npz::Npz;
-pub use record::{RecordError, Recorded, Recording};
+pub use record::{Recorded, Recording, Tape, Taped};
+pub use recorder::{RecordError, Recorder};
 #[cfg(feature = "sim")]
 pub use simulated::Simulated;
 pub use tum::Tum;
