@@ -44,7 +44,7 @@ DEVICES = ["", "--model 1473", "--model k4w", "--driver gspca_kinect", "--withou
 def test_every_model_tells_what_its_scene_tells(virtual_kinect: VirtualKinect, tmp_path: Path, device: str) -> None:
     capture, camera = tmp_path / "scene.pcapng", tmp_path / "scene.camera.toml"
     assert run(*PHYSINC, "simulate", SCENE.removeprefix("sim:"), str(capture)).returncode == 0
-    options = ["--camera", str(camera), "--json", "--positions", "--frames", "150"]
+    options = ["--camera", str(camera), "--json", "--positions", "--frames", "120"]
     live = run(*virtual_kinect(SCENE, *device.split()), *PHYSINC, "run", "kinect", "--every-frame", *options)
     assert (live.returncode, live.stderr) == (0, "")
     assert without_source(events(live)) == without_source(events(run(*PHYSINC, "run", str(capture), *options)))
@@ -176,6 +176,22 @@ sys.exit(subprocess.run([*physinc, "--frames", "30"]).returncode)
     assert result.returncode == 0, result.stderr
     counters = events(result)[-1]["counters"]
     assert (counters["frames"], counters["packets_lost"], counters["packets_invalid"]) == (30, 0, 0)
+
+
+DRIVER = """
+import sys, physinc, usb.core
+camera = usb.core.find(idVendor=0x045E, idProduct=0x02AE)
+print(camera.is_kernel_driver_active(0))
+with physinc.stream() as stream:
+    next(stream)
+    print(usb.core.find(idVendor=0x045E, idProduct=0x02AE).is_kernel_driver_active(0))
+print(usb.core.find(idVendor=0x045E, idProduct=0x02AE).is_kernel_driver_active(0))
+"""
+
+
+def test_the_kernels_driver_gets_it_back(virtual_kinect: VirtualKinect) -> None:
+    result = run(*virtual_kinect("--driver", "gspca_kinect"), sys.executable, "-c", DRIVER)
+    assert result.stdout.split() == ["True", "False", "True"], result.stderr
 
 
 def test_unplugged_it_ends_as_disconnected(virtual_kinect: VirtualKinect) -> None:
