@@ -13,7 +13,7 @@ export PIP_QUIET := 1
 export PROPTEST_RNG_SEED ?= 2017
 unexport CONDA_PREFIX PYTHONPATH PYTHONHOME
 
-.PHONY: help demo recordings test test-rust test-python aarch64 bench measures fuzz lint format clean
+.PHONY: help demo recordings test test-rust test-python virtual aarch64 bench measures fuzz lint format clean
 
 help:  ## what can be made
 	@sed -n 's/^\([a-z0-9-]*\):[^#]*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 20
@@ -32,6 +32,9 @@ test-rust:
 
 test-python: .venv/.installed
 	python -m pytest
+
+virtual:  ## target/release/virtual-kinect, which runs a program beside a Kinect that isn't there
+	cargo build --release --locked --manifest-path rust/virtual/Cargo.toml --target-dir $(or $(CARGO_TARGET_DIR),target)
 
 aarch64:  ## the library on aarch64 under qemu-user: tests, instructions a frame (what it needs: rust/tests/aarch64/count)
 	rust/tests/aarch64/count
@@ -52,9 +55,11 @@ lint: .venv/.installed  ## formats, clippy, ruff, mypy and stubtest; warnings ar
 	cargo fmt --check
 	cargo fmt --check --manifest-path rust/nostd/Cargo.toml
 	cargo fmt --check --manifest-path rust/fuzz/Cargo.toml
+	cargo fmt --check --manifest-path rust/virtual/Cargo.toml
 	cargo clippy --locked --all-targets --features usb -- -D warnings
 	cargo clippy --locked --lib --no-default-features -- -D warnings
 	cargo clippy --locked --lib --features python -- -D warnings
+	cargo clippy --locked --manifest-path rust/virtual/Cargo.toml --target-dir $(or $(CARGO_TARGET_DIR),target) -- -D warnings
 	ruff check
 	ruff format --check
 	mypy

@@ -14,14 +14,13 @@ mod testbed;
 mod urb;
 mod usbfs;
 
+use rustix::thread::CapabilitySet;
 use std::env;
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader};
 use std::os::unix::process::CommandExt;
 use std::process::{Command, ExitCode, Stdio};
 
-/// User and group.
-const NOBODY: u32 = 65534;
 const PRELOAD: &str = "libumockdev-preload.so.0";
 
 fn main() -> ExitCode {
@@ -64,8 +63,11 @@ fn run(arguments: &[OsString]) -> Result<(), String> {
     let mut command = Command::new(program);
     command.args(rest).env("UMOCKDEV_DIR", root.trim_end()).env("LD_PRELOAD", preload);
     if options::Options::parse(options)?.is_denied && rustix::process::geteuid().is_root() {
-        // Nothing is denied to root.
-        command.uid(NOBODY).gid(NOBODY);
+        // Nothing is denied to a root that may override modes.
+        for capability in [CapabilitySet::DAC_OVERRIDE, CapabilitySet::DAC_READ_SEARCH] {
+            let removed = rustix::thread::remove_capability_from_bounding_set(capability);
+            removed.map_err(|error| format!("root can't be denied anything: {error}"))?;
+        }
     }
     Err(format!("{}: {}", program.display(), command.exec()))
 }

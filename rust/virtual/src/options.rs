@@ -17,7 +17,7 @@ pub const USAGE: &str = "usage: virtual-kinect [sim:SCENE | CAPTURE] [OPTIONS] -
   --reply WRONG[:FROM]       tag, command, magic, short, cut, status, never, late, stall; from which reply on
   --unplug AT[:S[:TIMES]]    after frame:N or command:N; back S seconds later, and again, so many times
   --busy, --driver NAME      another program, or that driver of the kernel, has the camera
-  --denied                   the command must not open any device (root runs it as nobody)
+  --denied                   the command must not open any device, even as root
   --refuse ENOMEM|ENOSPC[:N] transfers, from the Nth on
   --truth FILE               a line of JSON for each frame that was sent";
 
