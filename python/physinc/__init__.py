@@ -31,6 +31,7 @@ from ._physinc import (
     Track,
     TrackEnded,
     TrackStarted,
+    VideoFrame,
     __version__,
 )
 from .arrays import Law, accelerations, find_inconsistencies, fit_flight, fit_planes, fit_sphere, solve_contact
@@ -115,6 +116,7 @@ __all__ = [
     "TrackEnded",
     "TrackStarted",
     "TrackingConfig",
+    "VideoFrame",
     "__version__",
     "accelerations",
     "find_inconsistencies",

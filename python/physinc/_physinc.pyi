@@ -34,6 +34,7 @@ __all__ = [
     "Track",
     "TrackEnded",
     "TrackStarted",
+    "VideoFrame",
     "__version__",
     "accelerations",
     "dump_config",
@@ -716,6 +717,26 @@ class Frame:
         """What the camera sent [H, W]: raw disparity, 2047 where there is no reading; `None` where its images are depth."""
 
 @final
+class VideoFrame:
+    """An image of the colour or the infra-red camera, copied: it stays as it is."""
+
+    @property
+    def timestamp_ns(self) -> int:
+        """Its stamp, ns on the stream's clock."""
+    @property
+    def kind(self) -> Literal["color", "infrared"]:
+        """Which camera's."""
+    @property
+    def pixels(self) -> NDArray[np.uint8] | NDArray[np.uint16]:
+        """The image.
+
+        Colour: a Bayer mosaic [480, 640], uint8 (rows begin green, red and blue, green). Infra-red: [488, 640], uint16, 0 to 1023.
+        """
+    @property
+    def missing(self) -> list[tuple[int, int]]:
+        """What was lost on the way, and is all ones: ranges (start, end) of pixels, counted row by row."""
+
+@final
 class Stream:
     """An iterator of events, and a context manager."""
 
@@ -747,6 +768,12 @@ class Stream:
         """The newest image of a stream with `frames=True`, if there was one; it may be ahead of the events.
 
         Raises ValueError where images were not asked for.
+        """
+    @property
+    def video(self) -> VideoFrame | None:
+        """The newest image of `stream("kinect?video=color")`, or `infrared`, if there was one; it may be ahead of the events.
+
+        Raises ValueError where video was not asked for.
         """
     @property
     def tracks(self) -> dict[int, Track]:

@@ -59,6 +59,7 @@ def stream(
     given: z is up, y forward. Where thrown balls show another gravity, that is told (`level_disagreement`).
     With `record`, what the source delivers is recorded there, too, as `physinc record` does: closing the stream completes the recording.
     After `timeout` seconds without input `StreamTimeoutError` is raised (`None`: wait as long as it takes); iterables are waited for.
+    Of a live Kinect there is video as well: `"kinect?video=color"`, or `infrared`, and the stream's `video` is the newest image.
     With `reconnect` a device that is unplugged is awaited, and the stream goes on; otherwise `DeviceDisconnectedError` is raised then.
 
     Raises `PhysincError`s that say what happened and what mends it; what an iterable raises passes unchanged,

@@ -1,6 +1,22 @@
 //! Elementary functions for the core, which has no `std`: the same bits on a laptop, a Pi and a microcontroller.
 
-pub use libm::{acos, atan2, ceil, cos, exp, floor, fmod, hypot, log, pow, round, sin, sqrt, sqrtf};
+pub use libm::{acos, atan2, ceil, cos, exp, floor, fmod, hypot, log, pow, round, sin};
+#[cfg(not(feature = "std"))]
+pub use libm::{sqrt, sqrtf};
+
+/// √x, rounded correctly as everywhere; unlike the core's it can be taken of many at once.
+#[cfg(feature = "std")]
+#[inline]
+pub fn sqrt(x: f64) -> f64 {
+    x.sqrt()
+}
+
+/// √x, as [`sqrt`].
+#[cfg(feature = "std")]
+#[inline]
+pub fn sqrtf(x: f32) -> f32 {
+    x.sqrt()
+}
 
 /// Position, velocity or acceleration.
 pub type Vec3 = nalgebra::Vector3<f64>;

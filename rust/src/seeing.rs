@@ -138,10 +138,8 @@ pub struct Sizes {
     pub rows: usize,
     /// Of `runs`; more of them, and more clutter is borne.
     pub runs: usize,
-    /// Of `lanes`.
-    pub lanes: usize,
-    /// Of `numbers`.
-    pub numbers: usize,
+    /// Of `planes`.
+    pub planes: usize,
 }
 
 /// The memory that [`Seeing`] works in; what it holds at first does not matter.
@@ -160,25 +158,15 @@ pub struct Buffers<'b> {
     pub marks: Slice<'b, Marks>,
     /// Runs of foreground.
     pub runs: Slice<'b, Run>,
-    /// One ball's pixels.
-    pub lanes: Slice<'b, [f32; 4]>,
-    /// What depths they should show.
-    pub numbers: Slice<'b, f32>,
+    /// What one ball's pixels show and should show.
+    pub planes: Slice<'b, f32>,
 }
 
 impl Buffers<'_> {
     /// Sizes for images of `width` × `height` pixels.
     pub const fn required(width: usize, height: usize) -> Sizes {
         let samples = if width == WIDTH && height == HEIGHT { WIDTH * HEIGHT } else { 0 };
-        Sizes {
-            pixels: width * height,
-            samples,
-            depths: 2048,
-            rows: height,
-            runs: width * height / 16 + 64,
-            lanes: ROOM.0,
-            numbers: ROOM.1,
-        }
+        Sizes { pixels: width * height, samples, depths: 2048, rows: height, runs: width * height / 16 + 64, planes: ROOM }
     }
 }
 
@@ -195,8 +183,7 @@ impl Buffers<'static> {
             depths: Slice::Owned(std::vec![0.0; sizes.depths]),
             marks: Slice::Owned(std::vec![Marks::default(); sizes.rows]),
             runs: Slice::Owned(std::vec![Run::default(); sizes.runs]),
-            lanes: Slice::Owned(std::vec![[0.0; 4]; sizes.lanes]),
-            numbers: Slice::Owned(std::vec![0.0; sizes.numbers]),
+            planes: Slice::Owned(std::vec![0.0; sizes.planes]),
         }
     }
 }
@@ -239,8 +226,7 @@ impl<'b> Seeing<'b> {
             && buffers.depths.len() >= sizes.depths
             && buffers.marks.len() >= sizes.rows
             && buffers.runs.len() >= sizes.runs
-            && buffers.lanes.len() >= sizes.lanes
-            && buffers.numbers.len() >= sizes.numbers;
+            && buffers.planes.len() >= sizes.planes;
         if !enough {
             return Err(ConfigError { key: "camera.width", value: camera.width as f64, expected: "buffers of the camera's size" });
         }
@@ -426,7 +412,7 @@ impl<'b> Seeing<'b> {
         missing: &[Range<usize>],
         found: &mut Vec<Found, 16>,
     ) -> Result<bool, Cluttered> {
-        let Buffers { limits, marks, depths, runs, lanes, numbers, .. } = &mut self.buffers;
+        let Buffers { limits, marks, depths, runs, planes, .. } = &mut self.buffers;
         let Camera { width, height, .. } = self.camera;
         let Some(marks) = marks.get_mut(rows.clone()) else { return Ok(false) };
         widest(
@@ -449,7 +435,7 @@ impl<'b> Seeing<'b> {
         let components = runs.iter().take(count).enumerate().filter_map(|(index, run)| run.component(index));
         for component in components.filter(|c| c.pixels >= FEWEST_PIXELS && c.rows.iter().all(|row| inside(*row))) {
             let view = |radius| View { frame: &frame, camera: &self.camera, noise: self.noise, factors: self.factors, radius };
-            let Some(ball) = look(view, &self.radii, component, lanes, numbers) else { continue };
+            let Some(ball) = look(view, &self.radii, component, planes) else { continue };
             // Two pieces of one ball, on both sides of a hole.
             let is_known = |known: &Found| (known.detection.center - ball.detection.center).norm() < known.detection.radius;
             if !missing.is_empty() && found.iter().any(is_known) {
@@ -510,13 +496,7 @@ impl Source<u16> for Packed<'_> {
 }
 
 /// The ball that a component is, if it can be one: the radius whose disc comes nearest in size.
-fn look<'v, S: Sample + 'v>(
-    view: impl Fn(f64) -> View<'v, S>,
-    radii: &[f64],
-    component: &Component,
-    lanes: &mut [[f32; 4]],
-    numbers: &mut [f32],
-) -> Option<Found> {
+fn look<'v, S: Sample + 'v>(view: impl Fn(f64) -> View<'v, S>, radii: &[f64], component: &Component, room: &mut [f32]) -> Option<Found> {
     let (column, row, depth) = component.mean();
     let pixels = f64::from(component.pixels);
     // Seen from the front, the mean depth of a cap is that of its center less two thirds of the radius.
@@ -528,12 +508,12 @@ fn look<'v, S: Sample + 'v>(
         return None;
     }
     let view = view(radius);
-    let found = view.fit(start(radius), component.pixels, lanes, numbers)?;
+    let found = view.fit(start(radius), component.pixels, room)?;
     if view.frame.missing.is_empty() {
         return Some(found);
     }
     // A hole may leave only a piece of the ball, whose middle is not the ball's: begin again at what the piece led to.
-    view.fit(found.detection.center, component.pixels, lanes, numbers)
+    view.fit(found.detection.center, component.pixels, room)
 }
 
 #[cfg(test)]

@@ -5,12 +5,14 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::process::Command;
+use std::time::Duration;
 
 use physinc::config::CameraConfig;
+use physinc::event::ReconnectReason;
 use physinc::kinect::disparity::{HEIGHT, Packing, WIDTH};
 use physinc::sim::{Packets, Scene};
-use physinc::source::usb::Live;
-use physinc::source::{Input, Source};
+use physinc::source::usb::{DeviceError, Live, Problem};
+use physinc::source::{Input, Source, SourceError};
 use physinc::stream::assembler::Assembler;
 
 thread_local! {
@@ -66,7 +68,7 @@ fn watch(live: &mut Live, frames: u64, mut sink: impl FnMut(i64, &[u16])) {
             let before = ALLOCATIONS.get();
             assert!(warm.is_none_or(|warm| warm == before), "{} allocations", before - warm.unwrap_or(0));
             sink(stamp_ns, &samples);
-            warm = Some(ALLOCATIONS.get());
+            warm = (assembler.counters().frames > 5).then(|| ALLOCATIONS.get());
         }
     }
     let counters = assembler.counters();
@@ -76,6 +78,21 @@ fn watch(live: &mut Live, frames: u64, mut sink: impl FnMut(i64, &[u16])) {
 #[test]
 fn every_frame_is_what_was_sent_and_none_allocates() {
     before(&["sim:bounce"], "under_virtual::every_frame");
+}
+
+#[test]
+fn a_device_that_another_program_has_names_it() {
+    before(&["--busy"], "under_virtual::busy");
+}
+
+#[test]
+fn video_comes_beside_depth() {
+    before(&["sim:bounce"], "under_virtual::video");
+}
+
+#[test]
+fn a_device_that_is_unplugged_again_and_again_leaves_nothing_behind() {
+    before(&["sim:bounce", "--unplug", "frame:10:0.05:100"], "under_virtual::again_and_again");
 }
 
 /// The other halves.
@@ -103,5 +120,55 @@ mod under_virtual {
             assert!(got == samples, "at {stamp_ns}");
         });
         println!("{:?}", live.traffic());
+    }
+
+    #[test]
+    #[ignore = "it needs a Kinect"]
+    fn busy() {
+        let error = Live::open("kinect", &CameraConfig::default()).err().expect("another has it");
+        let SourceError::Device(DeviceError { problem: Problem::Busy { holders, .. }, .. }) = &error else { panic!("{error}") };
+        assert!(!holders.is_empty(), "{error}");
+    }
+
+    #[test]
+    #[ignore = "it needs a Kinect"]
+    fn video() {
+        for (name, shape) in [("kinect?video=color", 640 * 480), ("kinect?video=infrared", 640 * 488)] {
+            let mut live = Live::open(name, &CameraConfig::default()).expect("it is there");
+            let latest = live.video().expect("asked for");
+            watch(&mut live, 30, |_, _| ());
+            let image = latest.take().expect("there was one");
+            assert_eq!((image.samples.len(), image.missing.len()), (shape, 0));
+            // A slope, as the virtual Kinect's.
+            let range = if shape == 640 * 480 { 256 } else { 1024 };
+            assert!(image.samples.windows(2).take(200).all(|pair| (pair[1] + range - pair[0]) % range < range), "{name}");
+        }
+    }
+
+    /// Open files and threads of this process.
+    fn held() -> (usize, usize) {
+        let count = |folder| std::fs::read_dir(folder).expect("Linux").count();
+        (count("/proc/self/fd"), count("/proc/self/task"))
+    }
+
+    #[test]
+    #[ignore = "it needs a Kinect"]
+    fn again_and_again() {
+        let mut live = Live::open("kinect", &CameraConfig::default()).expect("it is there");
+        live.wait_for_return(Duration::from_secs(20));
+        let before = held();
+        let (mut gone, mut back) = (0, 0);
+        while back < 100 {
+            match live.next_input().expect("it comes back").expect("it goes on") {
+                Input::Disconnected(_) => gone += 1,
+                Input::Reconnected(reason) => {
+                    assert_eq!(reason, ReconnectReason::SameSerial);
+                    back += 1;
+                }
+                _ => {}
+            }
+        }
+        assert_eq!((gone, held()), (100, before));
+        watch(&mut live, 30, |_, _| ());
     }
 }

@@ -125,7 +125,10 @@ fn a_band_shows_what_the_whole_image_shows_there() {
     let camera = Camera::from_config(&CameraConfig::default(), DepthCode::Disparity { law: KINECT_DISPARITY_LAW }).unwrap();
     let images: Vec<_> = [(200.0, 100.0, 5), (300.0, 240.0, 11), (310.5, 244.5, 3)].map(|(x, y, seed)| packed_ball(x, y, seed)).into();
     let see = |bands: &[Band]| {
-        let mut seeing = Seeing::new(&camera, &ObjectConfig::default(), 1, Buffers::owned(640, 480)).unwrap();
+        let mut buffers = Buffers::owned(640, 480);
+        // What buffers hold at first, and what earlier balls left there, does not matter.
+        buffers.planes.fill([f32::NAN, 1.0][bands.len() % 2]);
+        let mut seeing = Seeing::new(&camera, &ObjectConfig::default(), 1, buffers).unwrap();
         let (mut detections, mut whole) = (heapless::Vec::new(), true);
         for (i, packed) in [&packed_ball(-100.0, 0.0, 1)].into_iter().chain(&images).enumerate() {
             let image = Image::Packed { packed, packing: Packing::Eleven };

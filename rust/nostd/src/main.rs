@@ -59,8 +59,8 @@ fn sees_a_ball() -> Option<bool> {
     let keys = CameraConfig { width, height, fx: Some(575.8), fy: Some(575.8), cx: Some(31.5), cy: Some(23.5), ..CameraConfig::default() };
     let camera = Camera::from_config(&keys, DepthCode::Depth { units_per_metre: 1000.0 }).ok()?;
     let (mut limits, mut farthest, mut depths) = ([0; SIZES.pixels], [0; SIZES.pixels], [0.0; SIZES.depths]);
-    let (mut runs, mut lanes) = ([Default::default(); SIZES.runs], [Default::default(); SIZES.lanes]);
-    let (mut marks, mut numbers) = ([Default::default(); SIZES.rows], [0.0; SIZES.numbers]);
+    let (mut runs, mut planes) = ([Default::default(); SIZES.runs], [0.0; SIZES.planes]);
+    let mut marks = [Default::default(); SIZES.rows];
     let mut strangers = [[0; 2]; SIZES.pixels];
     let buffers = Buffers {
         limits: Slice::Borrowed(&mut limits),
@@ -70,8 +70,7 @@ fn sees_a_ball() -> Option<bool> {
         depths: Slice::Borrowed(&mut depths),
         marks: Slice::Borrowed(&mut marks),
         runs: Slice::Borrowed(&mut runs),
-        lanes: Slice::Borrowed(&mut lanes),
-        numbers: Slice::Borrowed(&mut numbers),
+        planes: Slice::Borrowed(&mut planes),
     };
     let mut seeing = Seeing::new(&camera, &config.object, 3, buffers).ok()?;
     let mut detections = Default::default();

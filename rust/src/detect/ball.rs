@@ -3,18 +3,20 @@
 //! Across the line of sight the silhouette and the cap's slope tell about as much. The cap is fitted by generalised least squares: with noise that
 //! neighbours share, weights as if it were independent would lose half of what its slope tells.
 
+#![allow(clippy::inline_always)] // So that loops are compiled for the registers of `widest`.
+
+use super::compare::{BAND, Evidence, Guess, Linear};
 use super::equations::{Equations, Normal};
-use super::foreground::{Frame, Sample, key_at};
-use super::noise::{Factors, Noise, Shares};
+use super::foreground::{Frame, Sample};
+use super::noise::{Factors, Noise};
 use super::patch::{Patch, Surface};
-use super::window::{CELLS, Lanes, moments, products};
+use super::window::{CELLS, Plane, dot, moments, products};
 use super::{Blob, Detection};
 use crate::geometry::camera::Camera;
-use crate::math::{Mat3, Vec3, round, sqrt, sqrtf, symmetric};
-use nalgebra::{Matrix3x2, SVector};
+use crate::math::{Mat3, Vec3, sqrt, symmetric};
+use crate::simd::widest;
+use nalgebra::Matrix3x2;
 
-/// Half the width over which the silhouette's edge is compared, px: wide enough for its noise, narrow enough to see nothing else.
-const BAND: f64 = 2.0;
 /// Prior of how far the silhouette falls short of the disc because grazing rays return nothing: mean and standard deviation, px.
 const SHORTFALL: (f64, f64) = (0.5, 1.0);
 /// A guess is linear to well below the noise within this many pixels across, and this part of the radius along.
@@ -22,8 +24,12 @@ const LINEAR: (f64, f64) = (0.5, 0.1);
 /// Linearisations at most.
 const ROUNDS: usize = 5;
 
-/// [`Lanes`] and single numbers that a fit needs room for.
-pub const ROOM: (usize, usize) = (8 * CELLS, 3 * CELLS);
+/// Depth counts by its means over blocks of so many columns and rows: these share nearly all of their noise, so that weights of their own would
+/// gain nothing (`seeing_accuracy`).
+const THIN: usize = 2;
+
+/// Numbers that a fit needs room for.
+pub const ROOM: usize = 20 * CELLS;
 
 /// What is needed to look for a ball.
 pub struct View<'v, S> {
@@ -49,27 +55,27 @@ pub struct Found {
     pub outline_ratio: f64,
 }
 
-/// A guess that is being refined: center, and the silhouette's shortfall, m.
-#[derive(Clone, Copy)]
-struct Guess {
-    center: Vec3,
-    shortfall: f64,
+/// What an image says of a guess.
+struct Linearised {
+    evidence: Evidence,
+    squares: Squares,
+    cap: Equations,
+    outline: Equations,
 }
 
-/// What the pixels around a ball say, given a guess of it.
-#[derive(Default)]
-struct Evidence {
-    /// Σ of the outline's jacobian times its residual.
-    outline: [f32; 4],
-    /// Pixels whose depth takes part, and those that show something near the ball, but no ball.
-    points: u32,
-    wild: u32,
-    /// Pixels well inside the disc; of those, the ones that show the ball, and the ones that the background may hide.
-    disc: u32,
-    seen: u32,
-    hidden: u32,
-    /// Pixels of foreground at the ball's depth, in the disc or on its edge.
-    mask: u32,
+/// Sum of the squared residuals of the cap's points, by the step that is taken.
+struct Squares {
+    points: f64,
+    constant: f64,
+    gradient: Vec3,
+    hessian: Mat3,
+}
+
+impl Squares {
+    fn rms_after(&self, step: &Vec3) -> f64 {
+        let squares = self.constant - 2.0 * self.gradient.dot(step) + step.dot(&(self.hessian * step));
+        sqrt(squares.max(0.0) / self.points)
+    }
 }
 
 /// Two unit vectors across the line of sight to `center`.
@@ -79,16 +85,15 @@ fn across(center: &Vec3) -> [Vec3; 2] {
     [right, sight.cross(&right)]
 }
 
-/// Sum of the squared residuals that a step leaves.
-fn squares_after(step: &Vec3, jacobian: &[Lanes], residuals: &[f32]) -> f64 {
-    let [right, down, along] = [step.x, step.y, step.z].map(|x| x as f32);
-    let left = jacobian.iter().zip(residuals).map(|(j, r)| r - j[0] * right - j[1] * down - j[2] * along);
-    f64::from(left.fold(0.0_f32, |sum, left| sum + left * left))
+/// Planes one after the other.
+fn planes<const N: usize>(room: &mut [f32], cells: usize) -> [&mut Plane; N] {
+    let mut planes = room.chunks_exact_mut(cells);
+    core::array::from_fn(|_| planes.next().unwrap_or_default())
 }
 
 impl<S: Sample> View<'_, S> {
     /// Pixels a metre across the ray, at depth `z`.
-    fn scale(&self, z: f64) -> f64 {
+    pub fn scale(&self, z: f64) -> f64 {
         sqrt(self.camera.fx * self.camera.fy) / z
     }
 
@@ -103,125 +108,64 @@ impl<S: Sample> View<'_, S> {
         0.5 * radius
     }
 
-    /// Whether a pixel can't tell where the ball's edge is: outside of the image, or what is behind or before the ball, at these keys, comes
-    /// too near.
-    fn blind(&self, column: f64, row: f64, [before, behind]: [u16; 2]) -> bool {
-        let inside = column >= 0.0 && row >= 0.0 && column < self.camera.width as f64 && row < self.camera.height as f64;
-        !inside || self.frame.hides(row as usize * self.camera.width + column as usize, before, behind)
+    /// What the image says of a guess: of the cap, the sum of its squared residuals as a function of the step, and of the outline.
+    #[inline(always)]
+    fn linearise(&self, patch: &Patch, guess: &Guess, room: &mut [f32]) -> Option<Linearised> {
+        let (center, grid) = (guess.center, &patch.grid);
+        let (cells, thinned) = (grid.cells(), grid.thinned(THIN));
+        let room = room.get_mut(..20 * cells)?;
+        let (outline, room) = room.split_at_mut(5 * cells);
+        let (cap, room) = room.split_at_mut(5 * thinned.cells());
+        let mut cap = Linear::new(&thinned, planes(cap, thinned.cells()));
+        let [depth, offset_square, readings, right, down, along, pattern, residual] = planes(room, cells);
+        let mut surface = Surface { depth, offset_square };
+        patch.draw(self.camera, &center, self.radius, &mut surface, planes(outline, cells));
+        self.read(patch, &center, readings);
+        let mut whole_cap = Linear::new(grid, [right, down, along, pattern, residual]);
+        let mut outline = Linear::new(grid, planes(outline, cells));
+        let evidence = self.compare(patch, guess, &surface, readings, &mut whole_cap, &mut outline);
+        let (constant, gradient) = (dot(whole_cap.residual, whole_cap.residual), moments(whole_cap.planes(), whole_cap.residual));
+        whole_cap.thin(grid, THIN, &mut cap, offset_square);
+
+        let blocks = f64::from(cap.jacobian[2].iter().map(|along| u32::from(*along != 0.0)).sum::<u32>().max(1));
+        let (axial, step) = (self.noise.axial(center.z), S::step(center.z, &self.frame.coding));
+        let shares = grid.shares_of_blocks(self.noise.shares(center.z, step), THIN);
+        let whitened = thinned.whiten(shares, cap.planes(), cap.residual, room);
+        let sd = self.noise.lateral() / (2.0 * BAND);
+        let planes = outline.planes();
+        Some(Linearised {
+            evidence,
+            squares: Squares {
+                points: f64::from(evidence.points),
+                constant,
+                gradient: gradient.xyz(),
+                hessian: whitened.products.fixed_view::<3, 3>(0, 0) * (f64::from(evidence.points) / blocks),
+            },
+            cap: Equations {
+                response: whitened.response.fixed_columns::<3>(0).into_owned(),
+                moments: whitened.moments,
+                covariance: whitened.covariance * (axial * axial),
+            },
+            outline: Equations {
+                response: products(planes, planes).fixed_columns::<3>(0).into_owned(),
+                moments: moments(planes, outline.residual),
+                covariance: grid.covariance(planes, room) * (sd * sd),
+            },
+        })
     }
 
-    /// Compares the image with a guess, of which `surface` was drawn: fills the cap's jacobian and residual, and the outline's jacobian (in
-    /// the directions `across`, and of the shortfall), each with a pattern that no ball has.
-    fn compare(
-        &self,
-        patch: &Patch,
-        guess: &Guess,
-        surface: &Surface,
-        cap: &mut [Lanes],
-        outline: &mut [Lanes],
-        residuals: &mut [f32],
-    ) -> Evidence {
-        let Guess { center, shortfall } = *guess;
-        let (camera, scale, axial) = (self.camera, self.scale(center.z), self.noise.axial(center.z));
-        // From how far before its surface to how far behind its center the ball may show, and how wild a reading of it may be, m.
-        let [near, far, gate] = [2.0, 0.5, 0.5].map(|jumps| (4.0 * axial + jumps * Self::jump(self.radius)) as f32);
-        let (edge, outer) = ((self.radius - shortfall) as f32, (self.radius - shortfall + BAND / scale) as f32);
-        let [inner, well_inside] = [BAND, 1.0].map(|pixels| (edge - (pixels / scale) as f32).max(0.0));
-        let slope = (scale / (2.0 * BAND)) as f32;
-        let keys = [center.z - f64::from(near), center.z + 2.0 * axial].map(|z| key_at::<S>(z, &self.frame.coding));
-        let (column, row) = camera.project(&center).unwrap_or_default();
-        let mut evidence = Evidence::default();
-        cap.fill([0.0; 4]);
-        outline.fill([0.0; 4]);
-        for y in 0..patch.grid.rows {
-            for x in 0..patch.grid.columns {
-                let i = y * patch.grid.width() + x;
-                let offset_square = surface.offset_square[i];
-                if offset_square > outer * outer {
-                    continue;
-                }
-                let (pixel_x, pixel_y) = patch.pixel(x, y);
-                let index = pixel_y * camera.width + pixel_x;
-                let depth = if surface.depth[i].is_nan() { 0.0 } else { surface.depth[i] };
-                let reading = self.frame.foreground(index).map(|z| (z - center.z) as f32);
-                let shows = reading.is_some_and(|z| z > depth - near && z < far);
-                evidence.mask += u32::from(shows);
-
-                let residual = reading.filter(|_| shows).map(|z| z - depth);
-                evidence.wild += u32::from(residual.is_some_and(|r| r.abs() >= gate));
-                if let Some(residual) = residual.filter(|r| r.abs() < gate)
-                    && let Some((_, [right, down, along])) = patch.depth(camera, &center, surface, x, y)
-                {
-                    let pattern = right * down;
-                    cap[i] = [right, down, along, pattern];
-                    residuals[i] = residual;
-                    evidence.points += 1;
-                }
-
-                if offset_square < well_inside * well_inside {
-                    evidence.disc += 1;
-                    evidence.seen += u32::from(shows);
-                    let hidden = || self.frame.limit(index) - center.z < f64::from(depth) + 2.0 * axial;
-                    evidence.hidden += u32::from(!shows && hidden());
-                }
-                if offset_square < inner * inner {
-                    continue;
-                }
-                // Inside the band the share of the ball in a pixel falls linearly from 1 to 0. What hides a pixel of it takes its mirror image too,
-                // or else what is left would pull.
-                let inside = f64::from(edge - sqrtf(offset_square)) * scale;
-                let (dx, dy) = (pixel_x as f64 - column, pixel_y as f64 - row);
-                let length = sqrt(dx * dx + dy * dy).max(1e-9);
-                let (right, down) = (dx / length, dy / length);
-                let mirror = [pixel_x as f64 + 2.0 * inside * right, pixel_y as f64 + 2.0 * inside * down].map(round);
-                if self.blind(pixel_x as f64, pixel_y as f64, keys) || self.blind(mirror[0], mirror[1], keys) {
-                    continue;
-                }
-                let residual = f32::from(u8::from(shows)) - (0.5 + inside / (2.0 * BAND)) as f32;
-                let (right, down) = (right as f32, down as f32);
-                // Of a triangle: square windows leave twofold traces in a silhouette, but none of these.
-                let pattern = right * (right * right - 3.0 * down * down);
-                outline[i] = [right, down, -1.0, pattern].map(|j| j * slope);
-                evidence.outline.iter_mut().zip(outline[i]).for_each(|(sum, j)| *sum += j * residual);
-            }
-        }
-        evidence
-    }
-
-    /// Fits the ball from a first guess of its center, camera frame, m; `pixels` is how many its component has. `lanes` and `numbers` are room to
-    /// work in, see [`ROOM`]. `None` where no ball of this radius looks like that.
-    pub fn fit(&self, start: Vec3, pixels: u32, lanes: &mut [Lanes], numbers: &mut [f32]) -> Option<Found> {
+    /// Fits the ball from a first guess of its center, camera frame, m; `pixels` is how many its component has. `room` is to work in, see [`ROOM`].
+    /// `None` where no ball of this radius looks like that.
+    pub fn fit(&self, start: Vec3, pixels: u32, room: &mut [f32]) -> Option<Found> {
         let mut guess = Guess { center: start, shortfall: SHORTFALL.0 / self.scale(start.z) };
         for round in 1.. {
             let center = guess.center;
             let scale = self.scale(center.z);
             let patch = Patch::around(self.camera, &center, self.radius, BAND, self.noise.window)?;
-            let cells = patch.grid.cells();
-            let (cap, lanes) = lanes.get_mut(..8 * cells)?.split_at_mut(cells);
-            let (outline, lanes) = lanes.split_at_mut(cells);
-            let (weights, scratch) = lanes.split_at_mut(cells);
-            let (depth, numbers) = numbers.get_mut(..3 * cells)?.split_at_mut(cells);
-            let (offset_square, residuals) = numbers.split_at_mut(cells);
-            let mut surface = Surface { depth, offset_square };
-            let pairs = scratch.as_flattened_mut().as_chunks_mut().0.get_mut(..cells)?;
-            patch.draw(self.camera, &center, self.radius, pairs, &mut surface);
-            residuals.fill(0.0);
-            let evidence = self.compare(&patch, &guess, &surface, cap, outline, residuals);
-
-            let (axial, step) = (self.noise.axial(center.z), S::step(center.z, &self.frame.coding));
-            let shares = self.noise.shares(center.z, step);
-            let whitened = patch.grid.whiten(shares, cap, weights, scratch);
-            let cap_equations = Equations {
-                response: whitened.response.fixed_columns::<3>(0).into_owned(),
-                moments: moments(weights, residuals),
-                covariance: whitened.covariance * (axial * axial),
-            };
-            let sd = self.noise.lateral() / (2.0 * BAND);
-            let outline = Equations {
-                response: products(outline, outline).fixed_columns::<3>(0).into_owned(),
-                moments: SVector::from(evidence.outline.map(f64::from)),
-                covariance: patch.grid.covariance(Shares { shared: 1.0, own: 0.0 }, outline) * (sd * sd),
-            };
+            let Linearised { evidence, squares, cap: cap_equations, outline } = widest(
+                #[inline(always)]
+                || self.linearise(&patch, &guess, room),
+            )?;
             let mut normal = cap_equations.normal(self.factors.cap.value() * Noise::LARGER_WINDOW)?;
             let across = across(&center);
             let silhouette = self.silhouette(&outline, &guess, &across);
@@ -242,8 +186,7 @@ impl<S: Sample> View<'_, S> {
             if round < ROUNDS && (sqrt(sideways_square) * scale > LINEAR.0 || step.z.abs() > LINEAR.1 * self.radius) {
                 continue;
             }
-            let squares = squares_after(&step, cap, residuals);
-            let detection = self.judge(&evidence, &guess, covariance, squares, &patch, pixels)?;
+            let detection = self.judge(&evidence, &guess, covariance, squares.rms_after(&step), &patch, pixels)?;
             let outline_ratio = outline.check(&Vec3::new(sideways[0], sideways[1], shrink));
             return Some(Found { detection, cap_ratio: cap_equations.check(&step), outline_ratio });
         }
@@ -274,11 +217,18 @@ impl<S: Sample> View<'_, S> {
         (step.norm() < 2.0 * self.radius && moved.z > self.radius && moved.z < self.camera.max_depth + self.radius).then_some(moved)
     }
 
-    fn judge(&self, evidence: &Evidence, guess: &Guess, covariance: Mat3, squares: f64, patch: &Patch, pixels: u32) -> Option<Detection> {
+    fn judge(
+        &self,
+        evidence: &Evidence,
+        guess: &Guess,
+        covariance: Mat3,
+        residual_rms: f64,
+        patch: &Patch,
+        pixels: u32,
+    ) -> Option<Detection> {
         let thinned = (patch.stride * patch.stride) as f64;
-        let (points, disc) = (f64::from(evidence.points), f64::from(evidence.disc));
+        let disc = f64::from(evidence.disc);
         let finite = guess.center.iter().chain(covariance.iter()).all(|x| x.is_finite());
-        let residual_rms = sqrt(squares / points);
         if evidence.points < 6
             || 4 * evidence.wild > evidence.points
             || residual_rms > 2.0 * self.noise.axial(guess.center.z)

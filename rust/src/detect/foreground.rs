@@ -161,6 +161,16 @@ impl<S: Sample> Frame<'_, S> {
             || self.sample(index).is_some_and(|sample| sample.key(&self.coding) < before)
     }
 
+    /// Whether [`Frame::hides`] may hold of any of these pixels, which are side by side.
+    #[inline]
+    pub fn may_hide(&self, pixels: Range<usize>, before: u16, behind: u16) -> bool {
+        let at_hand = pixels.start.wrapping_sub(self.first)..pixels.end.wrapping_sub(self.first);
+        let (Some(samples), Some(limits)) = (self.samples.get(at_hand), self.limits.get(pixels)) else { return true };
+        let nearest = samples.iter().fold(NO_KEY, |nearest, sample| nearest.min(sample.key(&self.coding)));
+        let limit = limits.iter().fold(NO_KEY, |nearest, limit| nearest.min(*limit));
+        !self.missing.is_empty() || nearest < before || limit < behind
+    }
+
     #[inline]
     fn is_missing(&self, index: usize) -> bool {
         !self.missing.is_empty()

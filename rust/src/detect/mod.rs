@@ -2,6 +2,7 @@
 
 pub mod background;
 pub mod ball;
+pub mod compare;
 pub mod components;
 pub mod equations;
 pub mod foreground;

@@ -1,6 +1,8 @@
 //! The pixels around a ball, and the depth that its cap shows them.
 
-use super::window::{Grid, PATCH};
+#![allow(clippy::inline_always)] // So that loops are compiled for the registers of `widest`.
+
+use super::window::{Grid, PATCH, Plane};
 use crate::geometry::camera::Camera;
 use crate::math::{Vec3, ceil, floor, sqrtf};
 
@@ -21,9 +23,9 @@ pub struct Patch {
 /// What a ball shows, pixel by pixel.
 pub struct Surface<'s> {
     /// Depth less the center's: the mean over the matching window; NaN where it shows no ball. m.
-    pub depth: &'s mut [f32],
-    /// Squared distance of the ray from the center, m².
-    pub offset_square: &'s mut [f32],
+    pub depth: &'s mut Plane,
+    /// Squared distance of the ray from the center, m²; infinite where there is no pixel.
+    pub offset_square: &'s mut Plane,
 }
 
 impl Patch {
@@ -55,9 +57,22 @@ impl Patch {
         (self.left + x * self.stride, self.top + y * self.stride)
     }
 
-    /// Draws a ball of `radius` (m) around `center` (camera frame, m). `cells` is room to work in.
-    pub fn draw(&self, camera: &Camera, center: &Vec3, radius: f64, cells: &mut [[f32; 2]], surface: &mut Surface) {
-        cells.fill([0.0; 2]);
+    /// Columns and rows of all its pixels, in the patch.
+    pub fn places(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
+        let Grid { columns, rows, .. } = self.grid;
+        (0..rows).flat_map(move |y| (0..columns).map(move |x| (x, y)))
+    }
+
+    /// Draws a ball of `radius` (m) around `center` (camera frame, m). `room` are planes to work in.
+    #[inline(always)]
+    pub fn draw(&self, camera: &Camera, center: &Vec3, radius: f64, surface: &mut Surface, room: [&mut Plane; 5]) {
+        let [depth, count, between, depths, counts] = room;
+        let Surface { depth: mean, offset_square } = surface;
+        let grid = &self.grid;
+        let pixels = grid.pixels();
+        for (plane, outside) in [(&mut *depth, 0.0), (&mut *count, 0.0), (&mut **mean, f32::NAN), (&mut **offset_square, f32::INFINITY)] {
+            grid.clear_ends(plane, outside);
+        }
         // All relative to the center's ray, where single precision is plenty.
         let [xc, yc, zc] = [center.x / center.z, center.y / center.z, center.z].map(|x| x as f32);
         let step = self.stride as f64;
@@ -65,36 +80,34 @@ impl Patch {
         let right = ((self.left as f64 - camera.cx) / camera.fx - center.x / center.z) as f32;
         let below = ((self.top as f64 - camera.cy) / camera.fy - center.y / center.z) as f32;
         let radius_square = (radius * radius) as f32;
-        let width = self.grid.width();
-        let rows = cells.chunks_exact_mut(width).zip(surface.offset_square.chunks_exact_mut(width)).take(self.grid.rows);
-        for (y, (cells, offsets)) in rows.enumerate() {
+        let columns = grid.columns as f32;
+        let [offsets, depths_, counts_] =
+            [&mut **offset_square, &mut *depth, &mut *count].map(|plane| plane.get_mut(pixels.clone()).unwrap_or_default());
+        let rows = (offsets.chunks_exact_mut(grid.width()))
+            .zip(depths_.chunks_exact_mut(grid.width()))
+            .zip(counts_.chunks_exact_mut(grid.width()));
+        for (y, ((offsets, depths), counts)) in rows.enumerate() {
             let dy = below + y as f32 * down;
-            for (x, (cell, offset_square)) in cells.iter_mut().zip(offsets).take(self.grid.columns).enumerate() {
-                let dx = right + x as f32 * across;
+            for (x, ((offset_square, depth), count)) in offsets.iter_mut().zip(depths).zip(counts).enumerate() {
+                let x = x as i32 as f32;
+                let dx = right + x * across;
                 let (ray_x, ray_y, turn) = (xc + dx, yc + dy, xc * dy - yc * dx);
                 let scale = 1.0 / (1.0 + ray_x * ray_x + ray_y * ray_y);
-                *offset_square = zc * zc * (dx * dx + dy * dy + turn * turn) * scale;
-                let inside = radius_square - *offset_square;
-                if inside > 0.0 {
-                    *cell = [-zc * (ray_x * dx + ray_y * dy) * scale - sqrtf(inside * scale), 1.0];
-                }
+                let square = if x < columns { zc * zc * (dx * dx + dy * dy + turn * turn) * scale } else { f32::INFINITY };
+                let inside = radius_square - square;
+                let shown = -zc * (ray_x * dx + ray_y * dy) * scale - sqrtf(inside * scale);
+                *offset_square = square;
+                *depth = if inside > 0.0 { shown } else { 0.0 };
+                *count = if inside > 0.0 { 1.0 } else { 0.0 };
             }
         }
-        self.grid.average(cells, surface.depth);
-    }
-
-    /// The depth that a pixel of the patch shows less that of `center`, and its derivatives by the center; `None` at the edge.
-    #[inline]
-    pub fn depth(&self, camera: &Camera, center: &Vec3, surface: &Surface, x: usize, y: usize) -> Option<(f32, [f32; 3])> {
-        let (i, width) = (y * self.grid.width() + x, self.grid.width());
-        let [left, above] = [i.checked_sub(1)?, i.checked_sub(width)?].map(|i| surface.depth.get(i));
-        let [here, right, below] = [i, i + 1, i + width].map(|i| surface.depth.get(i));
-        // Moving the ball moves the picture of its cap: by the center's derivatives, the depth changes as it does from pixel to pixel.
-        let per_metre = 0.5 / (self.stride as f64 * center.z);
-        let slope_x = (left? - right?) * (camera.fx * per_metre) as f32;
-        let slope_y = (above? - below?) * (camera.fy * per_metre) as f32;
-        let along = 1.0 - slope_x * (center.x / center.z) as f32 - slope_y * (center.y / center.z) as f32;
-        let valid = along.is_finite() && x > 0 && x + 1 < self.grid.columns && y + 1 < self.grid.rows;
-        valid.then_some((*here?, [slope_x, slope_y, along]))
+        grid.gather(depth, between, depths);
+        grid.gather(count, between, counts);
+        let windows = pixels.start - grid.to_middle()..pixels.end - grid.to_middle();
+        let [depths, counts] = [depths, counts].map(|plane| plane.get(windows.clone()).unwrap_or_default());
+        let [mean, offsets] = [&mut **mean, &mut **offset_square].map(|plane| plane.get_mut(pixels.clone()).unwrap_or_default());
+        for (((mean, depth), count), offset_square) in mean.iter_mut().zip(depths).zip(counts).zip(offsets) {
+            *mean = if *count > 0.5 && *offset_square < f32::INFINITY { depth / count } else { f32::NAN };
+        }
     }
 }

@@ -1,42 +1,47 @@
 //! What a matching window does to the pixels around a ball: it averages, and so neighbours share their noise.
 //!
 //! Noise that is shared over a window of w pixels is white noise ε, one a pixel, averaged: e(p) = Σ ε(q)/√w over the window at p, e = Bᵀε/√w.
-//! With what each pixel has to itself (rounding), the covariance of readings is C = shared · BᵀB/w + own · 1, in running sums.
+//! With what each pixel has to itself (rounding), the covariance of readings is C = shared · BᵀB/w + own · 1.
+//!
+//! Every quantity has a plane of its own, row after row: a window's sum then is a sum of shifted planes, and wide registers need no more.
 
 #![allow(clippy::inline_always)] // So that loops are compiled for the registers of `widest`.
 
 use super::noise::Shares;
-use crate::math::symmetric;
-use crate::simd::widest;
 use nalgebra::{SMatrix, SVector};
 
-/// Four numbers of a pixel.
-pub type Lanes = [f32; 4];
-/// Sums of products of [`Lanes`].
+/// One number of each pixel of a patch, laid out as its [`Grid`] says.
+pub type Plane = [f32];
+/// Four numbers of each pixel.
+pub type Planes<'p> = [&'p mut Plane; 4];
+/// Sums of products of two times four planes.
 pub type Products = SMatrix<f64, 4, 4>;
 
 /// Columns and rows of a patch at the most; above that only every second, third, … pixel of a ball is read.
 pub const PATCH: usize = 48;
-/// The largest matching window, px.
+/// The largest matching window, px: an odd number.
 pub const WINDOW: usize = 9;
-/// Cells of a grid at the most, padding included.
-pub const CELLS: usize = WIDTH * WIDTH;
+/// Cells of a plane at the most.
+pub const CELLS: usize = Grid { columns: PATCH, rows: PATCH, window: [WINDOW; 2] }.cells();
+/// Numbers that a wide register holds.
+const WIDE: usize = 8;
 
-const WIDTH: usize = PATCH + WINDOW - 1;
+/// Two directions that are no more than this apart, as a part of the square of their lengths, are one.
+const PARALLEL: f64 = 1e-4;
 
-/// Steps of conjugate gradients; one would be plain least squares. More than two make centers no more than 1 % better (`seeing_accuracy`), and
-/// worse where the window is not as thought: what they gain, they gain at the edges of what it lets through.
-const STEPS: usize = 2;
-
-/// What weights make of jacobian and noise.
+/// What weights make of jacobian, residual and noise.
 pub struct Whitened {
+    /// Σ jacobian · jacobianᵀ.
+    pub products: Products,
     /// Σ weights · jacobianᵀ.
     pub response: Products,
+    /// Σ weights · residual.
+    pub moments: SVector<f64, 4>,
     /// Covariance of Σ weights · reading, in units of the readings' variance.
     pub covariance: Products,
 }
 
-/// The pixels of a patch, row by row, padded to the right and downwards by the window less one, so that sums over windows fit.
+/// How the pixels of a patch lie in a plane: row by row, between them gaps, before and behind them room, so that no window reaches over.
 #[derive(Clone, Copy, Debug)]
 pub struct Grid {
     /// Columns and rows of the patch.
@@ -47,19 +52,40 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// A patch of `columns` × `rows` pixels, at most [`PATCH`], whose noise is shared over `window` pixels.
+    /// A patch of `columns` × `rows` pixels, at most [`PATCH`], whose noise is shared over `window` pixels, which are made odd.
     pub fn new(columns: usize, rows: usize, window: [usize; 2]) -> Self {
-        Self { columns: columns.min(PATCH), rows: rows.min(PATCH), window: window.map(|edge| edge.clamp(1, WINDOW)) }
+        Self { columns: columns.min(PATCH), rows: rows.min(PATCH), window: window.map(|edge| edge.min(WINDOW) | 1) }
     }
 
-    /// Cells from one row to the next: an even number, for registers that take two at once.
-    pub fn width(&self) -> usize {
-        (self.columns + self.window[0] - 1).next_multiple_of(2)
+    /// The grid of its blocks of `stride` × `stride` pixels.
+    pub fn thinned(&self, stride: usize) -> Self {
+        Self::new(self.columns.div_ceil(stride), self.rows.div_ceil(stride), self.window.map(|edge| edge / stride))
     }
 
-    /// Cells, padding included.
-    pub fn cells(&self) -> usize {
-        self.width() * (self.rows + self.window[1] - 1)
+    /// How means over those blocks share noise: sums of many see of it what those of the pixels do, though windows become odd numbers of blocks.
+    pub fn shares_of_blocks(&self, noise: Shares, stride: usize) -> Shares {
+        let pixels = (stride * stride) as f64;
+        Shares { shared: noise.shared * f64::from(self.area() / self.thinned(stride).area()) / pixels, own: noise.own / pixels }
+    }
+
+    /// Cells from one row to the next.
+    pub const fn width(&self) -> usize {
+        (self.columns + self.window[0] - 1).next_multiple_of(WIDE)
+    }
+
+    /// The cell of the first pixel; so many there are before it, and behind the last one's row.
+    pub const fn first(&self) -> usize {
+        (self.window[1] - 1) * self.width() + self.window[0] - 1
+    }
+
+    /// The cells from the first pixel to the end of the last one's row: of all, those to write to.
+    pub const fn pixels(&self) -> core::ops::Range<usize> {
+        self.first()..self.first() + self.rows * self.width()
+    }
+
+    /// Cells of a plane.
+    pub const fn cells(&self) -> usize {
+        2 * self.first() + self.rows * self.width()
     }
 
     /// Pixels of a window.
@@ -67,227 +93,166 @@ impl Grid {
         (self.window[0] * self.window[1]) as f32
     }
 
-    /// Replaces each cell by the sum over the window that ends there: B. The padding must be 0.
+    /// How many cells before a pixel the window begins that has it in its middle.
+    pub const fn to_middle(&self) -> usize {
+        self.first() / 2
+    }
+
+    /// Makes all but the pixels' rows `value`.
+    pub fn clear_ends(&self, plane: &mut Plane, value: f32) {
+        let pixels = self.pixels();
+        if let Some((before, rest)) = plane.split_at_mut_checked(pixels.start) {
+            before.fill(value);
+            rest.iter_mut().skip(pixels.len()).for_each(|cell| *cell = value);
+        }
+    }
+
+    /// Sums over the window that begins at each cell: B. What is no pixel must be 0 in `from`. `between` is room to work in.
     #[inline(always)]
-    fn gather<const N: usize>(&self, cells: &mut [[f32; N]]) {
-        let (width, [across, down]) = (self.width(), self.window);
-        let mut before = [[0.0; N]; WIDTH];
-        for row in cells.chunks_exact_mut(width).take(self.rows) {
-            let before = before.get_mut(..width).unwrap_or_default();
-            before.copy_from_slice(row);
-            gather_row(across, before, row);
-        }
-        let mut sums = [[0.0; N]; WIDTH];
-        let sums = sums.get_mut(..width).unwrap_or_default().as_flattened_mut();
-        for y in (0..self.rows + down - 1).rev() {
-            // Upwards, so that what leaves the window has not been overwritten yet.
-            let (above, here) = cells.as_flattened_mut().split_at_mut(y * width * N);
-            if let Some(first) = (y + 1).checked_sub(down) {
-                let entering = if down == 1 { &*here } else { above.get(first * width * N..).unwrap_or_default() };
-                add(sums, entering);
-            }
-            for (sum, cell) in sums.iter_mut().zip(here) {
-                let leaving = core::mem::replace(cell, *sum);
-                *sum -= leaving;
-            }
+    pub fn gather(&self, from: &Plane, between: &mut Plane, to: &mut Plane) {
+        let windows = self.cells() - self.first();
+        let rows = windows + (self.window[1] - 1) * self.width();
+        if let (Some(between), Some(to)) = (between.get_mut(..rows), to.get_mut(..windows)) {
+            sums(from, self.window[0], 1, between);
+            sums(between, self.window[1], self.width(), to);
         }
     }
 
-    /// Fills the pixels of `to` with those of `from` after B and its transpose. `between` is room to work in; the padding of `from` and `to` must be 0.
+    /// Sums over the windows, `from` [`Grid::gather`], that each pixel is in: Bᵀ. Here cell 0 is the first pixel's.
     #[inline(always)]
-    fn correlate(&self, from: &[Lanes], to: &mut [Lanes], between: &mut [Lanes]) {
-        let (width, [across, down]) = (self.width(), self.window);
-        let mut sums = [[0.0; 4]; WIDTH];
-        let gathered = sums.get_mut(..width).unwrap_or_default();
-        for (from, to) in from.chunks_exact(width).zip(to.chunks_exact_mut(width)).take(self.rows) {
-            gather_row(across, from, gathered);
-            scatter_row(across, gathered, to.get_mut(..self.columns).unwrap_or_default());
-        }
-        let row = |y: usize| y * width * 4..(y + 1) * width * 4;
-        let (to, between) = (to.as_flattened_mut(), between.as_flattened_mut());
-        let sums = gathered.as_flattened_mut();
-        sums.fill(0.0);
-        for y in 0..self.rows + down - 1 {
-            if y < self.rows {
-                add(sums, &to[row(y)]);
-            }
-            between[row(y)].copy_from_slice(sums);
-            if let Some(first) = (y + 1).checked_sub(down) {
-                subtract(sums, &to[row(first)]);
-            }
-        }
-        sums.fill(0.0);
-        for y in 0..self.rows + down - 1 {
-            add(sums, &between[row(y)]);
-            if let Some(first) = (y + 1).checked_sub(down) {
-                to[row(first)].copy_from_slice(sums);
-                subtract(sums, &between[row(first)]);
-            }
+    fn scatter(&self, from: &Plane, between: &mut Plane, to: &mut Plane) {
+        let last = self.window[0] - 1;
+        let windows = self.cells() - self.first();
+        if let (Some(between), Some(to)) = (between.get_mut(..windows - last), to.get_mut(..self.rows * self.width() - last)) {
+            sums(from, self.window[0], 1, between);
+            sums(between, self.window[1], self.width(), to);
         }
     }
 
-    /// Of cells (value, 1) where there is a value and 0 where there is none, tells `mean` the mean over the window around each pixel, NaN where
-    /// it is empty.
-    pub fn average(&self, cells: &mut [[f32; 2]], mean: &mut [f32]) {
-        self.gather(cells);
-        let [right, down] = self.window.map(|edge| edge / 2);
-        let width = self.width();
-        for (row, mean) in cells.chunks_exact(width).skip(down).zip(mean.chunks_exact_mut(width)).take(self.rows) {
-            for ([sum, count], mean) in row.iter().skip(right).zip(mean) {
-                *mean = if *count > 0.5 { sum / count } else { f32::NAN };
-            }
-        }
-    }
-
-    /// Solves C · weights = `jacobian` for each lane, nearly: any weights give an unbiased estimate, these nearly the best there is. Only
-    /// pixels that `jacobian` has anything of take part. `scratch` is five times as long.
-    pub fn whiten(&self, noise: Shares, jacobian: &[Lanes], weights: &mut [Lanes], scratch: &mut [Lanes]) -> Whitened {
-        weights.fill([0.0; 4]);
-        let width = self.width();
-        let says = |row: &[Lanes]| row.iter().any(|cell| *cell != [0.0; 4]);
-        let mut rows = jacobian.chunks_exact(width).take(self.rows);
-        let first = rows.position(says).unwrap_or(0);
-        let grid = Self { rows: 1 + rows.rposition(says).map_or(0, |last| last + 1), ..*self };
-        let cells = first * width..(first + grid.rows) * width;
-        let (jacobian, weights) = (&jacobian[cells.clone()], &mut weights[cells]);
-        let residual = widest(
-            #[inline(always)]
-            || grid.solve(noise, jacobian, weights, scratch),
-        );
-        // C · weights is `jacobian` less what the solver left.
-        let response = products(weights, jacobian);
-        Whitened { response, covariance: symmetric(&(response - products(weights, residual))) }
-    }
-
-    /// Conjugate gradients; what they leave of `jacobian`.
+    /// Solves C · weights = `jacobian` for each plane, nearly, by two steps of conjugate gradients: any weights give an unbiased estimate, these
+    /// nearly the best there is. One step would be plain least squares. More than two make centers no more than 1 % better
+    /// (`seeing_accuracy`), and worse where the window is not as thought: what they gain, they gain at the edges of what it lets through.
+    ///
+    /// Weights are sums of `jacobian` and of C · `jacobian`, so that products of those tell all. Where the third plane of `jacobian` is 0, the
+    /// pixel takes no part. `room` has 10 planes.
     #[inline(always)]
-    fn solve<'s>(&self, noise: Shares, jacobian: &[Lanes], weights: &mut [Lanes], scratch: &'s mut [Lanes]) -> &'s [Lanes] {
-        let (between, scratch) = scratch.split_at_mut(self.cells());
-        let pixels = jacobian.len();
-        let (residual, scratch) = scratch.split_at_mut(pixels);
-        let (direction, scratch) = scratch.split_at_mut(pixels);
-        let (used, scratch) = scratch.split_at_mut(pixels);
-        let image = &mut scratch[..pixels];
+    pub fn whiten(&self, noise: Shares, jacobian: [&Plane; 4], residual: &Plane, room: &mut [f32]) -> Whitened {
         let (shared, own) = (noise.shared as f32 / self.area(), noise.own as f32);
-        residual.copy_from_slice(jacobian);
-        direction.copy_from_slice(jacobian);
-        image.fill([0.0; 4]);
-        for (used, jacobian) in used.iter_mut().zip(jacobian) {
-            *used = [f32::from(u8::from(*jacobian != [0.0; 4])); 4];
+        let (images, room) = room.split_at_mut(4 * self.cells());
+        let (sums, room) = room.split_at_mut(4 * self.cells());
+        let (between, windows) = room.split_at_mut(self.cells());
+        let pixels = self.pixels();
+        let used = jacobian[2].get(pixels.clone()).unwrap_or_default();
+        for (jacobian, image) in jacobian.iter().zip(images.chunks_exact_mut(self.cells())) {
+            self.clear_ends(image, 0.0);
+            self.gather(jacobian, between, windows);
+            let image = image.get_mut(pixels.clone()).unwrap_or_default();
+            self.scatter(windows, between, image);
+            for ((image, jacobian), used) in image.iter_mut().zip(jacobian.get(pixels.clone()).unwrap_or_default()).zip(used) {
+                *image = if *used == 0.0 { 0.0 } else { shared * *image + own * jacobian };
+            }
         }
-        let mut square = jacobian.iter().fold([0.0; 4], |sum, j| lanes(|i| sum[i] + j[i] * j[i]));
-        for _ in 0..STEPS {
-            self.correlate(direction, image, between);
-            let mut curvature = [0.0; 4];
-            for ((image, direction), used) in image.iter_mut().zip(&*direction).zip(&*used) {
-                *image = lanes(|i| used[i] * (shared * image[i] + own * direction[i]));
-                curvature = lanes(|i| curvature[i] + image[i] * direction[i]);
-            }
-            let step = quotient(&square, &curvature);
-            let mut next = [0.0; 4];
-            for ((weight, residual), (direction, image)) in weights.iter_mut().zip(residual.iter_mut()).zip(direction.iter().zip(&*image)) {
-                *weight = lanes(|i| weight[i] + step[i] * direction[i]);
-                *residual = lanes(|i| residual[i] - step[i] * image[i]);
-                next = lanes(|i| next[i] + residual[i] * residual[i]);
-            }
-            let turn = quotient(&next, &square);
-            for (direction, residual) in direction.iter_mut().zip(&*residual) {
-                let before = *direction;
-                *direction = lanes(|i| residual[i] + turn[i] * before[i]);
-            }
-            square = next;
+        for (image, sums) in images.chunks_exact(self.cells()).zip(sums.chunks_exact_mut(self.cells())) {
+            self.gather(image, between, sums);
         }
-        residual
+        let mut images = images.chunks_exact(self.cells());
+        let images: [&Plane; 4] = core::array::from_fn(|_| images.next().unwrap_or_default());
+        let mut sums = sums.chunks_exact(self.cells()).map(|sums| sums.get(..self.cells() - self.first()).unwrap_or_default());
+        let sums: [&Plane; 4] = core::array::from_fn(|_| sums.next().unwrap_or_default());
+
+        // Jᵀ Cⁿ J.
+        let (zeroth, first, second) = (products(jacobian, jacobian), products(jacobian, images), products(images, images));
+        let third = products(sums, sums) * f64::from(shared) + second * f64::from(own);
+        // The weights' share of either is where the gradients of both vanish.
+        let shares = SMatrix::<f64, 4, 2>::from_fn(|i, j| {
+            let [g0, g1, g2, g3] = [&zeroth, &first, &second, &third].map(|g| g[(i, i)]);
+            let determinant = g1 * g3 - g2 * g2;
+            let one = if g1 > 0.0 { g0 / g1 } else { 0.0 };
+            match j {
+                _ if determinant > PARALLEL * g1 * g3 => [g0 * g3 - g1 * g2, g1 * g1 - g0 * g2][j] / determinant,
+                0 => one,
+                _ => 0.0,
+            }
+        });
+        let (a, b) = (SMatrix::from_diagonal(&shares.column(0).into_owned()), SMatrix::from_diagonal(&shares.column(1).into_owned()));
+        let cross = a * second * b;
+        Whitened {
+            products: zeroth,
+            response: a * zeroth + b * first,
+            moments: a * moments(jacobian, residual) + b * moments(images, residual),
+            covariance: a * first * a + cross + cross.transpose() + b * third * b,
+        }
     }
 
-    /// weightsᵀ C weights: the covariance of Σ weights · reading. Overwrites `weights`.
-    pub fn covariance(&self, noise: Shares, weights: &mut [Lanes]) -> Products {
-        let own = if noise.own > 0.0 { products(weights, weights) * noise.own } else { Products::zeros() };
-        widest(
-            #[inline(always)]
-            || self.gather(weights),
-        );
-        own + products(weights, weights) * (noise.shared / f64::from(self.area()))
+    /// The covariance of Σ `weights` · reading where noise is shared only. `room` has 5 planes.
+    #[inline(always)]
+    pub fn covariance(&self, weights: [&Plane; 4], room: &mut [f32]) -> Products {
+        let (between, room) = room.split_at_mut(self.cells());
+        for (weights, sums) in weights.iter().zip(room.chunks_exact_mut(self.cells())) {
+            self.gather(weights, between, sums);
+        }
+        let mut sums = room.chunks_exact(self.cells()).map(|sums| sums.get(..self.cells() - self.first()).unwrap_or_default());
+        let sums = core::array::from_fn(|_| sums.next().unwrap_or_default());
+        products(sums, sums) / f64::from(self.area())
     }
 }
 
-/// Fills each cell of `sums` with the sum over the `window` cells of `row` that end there.
+/// Fills each cell of `to` with the sum over `count` cells of `from`, each `step` behind the one before, from that cell on.
 #[inline(always)]
-fn gather_row<const N: usize>(window: usize, row: &[[f32; N]], sums: &mut [[f32; N]]) {
-    let mut sum = [0.0; N];
-    let (first, rest) = sums.split_at_mut(window.min(sums.len()));
-    for (cell, sums) in row.iter().zip(first) {
-        add(&mut sum, cell);
-        *sums = sum;
-    }
-    for ((entering, leaving), sums) in row.iter().skip(window).zip(row).zip(rest) {
-        add(&mut sum, entering);
-        subtract(&mut sum, leaving);
-        *sums = sum;
-    }
-}
-
-/// Fills each cell of `sums` with the sum over the `window` cells of `row` that begin there.
-#[inline(always)]
-fn scatter_row(window: usize, row: &[Lanes], sums: &mut [Lanes]) {
-    let (first, rest) = row.split_at((window - 1).min(row.len()));
-    let mut sum = [0.0; 4];
-    for cell in first {
-        add(&mut sum, cell);
-    }
-    for ((entering, leaving), sums) in rest.iter().zip(row).zip(sums) {
-        add(&mut sum, entering);
-        *sums = sum;
-        subtract(&mut sum, leaving);
-    }
-}
-
-#[inline(always)]
-fn add(sum: &mut [f32], value: &[f32]) {
-    each(sum, value, |sum, value| sum + value);
-}
-
-#[inline(always)]
-fn subtract(sum: &mut [f32], value: &[f32]) {
-    each(sum, value, |sum, value| sum - value);
-}
-
-/// Replaces each of `sum` by what `of` makes of it and `value`, eight at once.
-#[inline(always)]
-fn each(sum: &mut [f32], value: &[f32], of: impl Fn(f32, f32) -> f32) {
-    let ((sums, sums_left), (values, values_left)) = (sum.as_chunks_mut::<8>(), value.as_chunks::<8>());
-    for (sum, value) in sums.iter_mut().zip(values) {
-        let before = *sum;
-        *sum = core::array::from_fn(|i| of(before[i], value[i]));
-    }
-    for (sum, value) in sums_left.iter_mut().zip(values_left) {
-        *sum = of(*sum, *value);
+fn sums(from: &Plane, count: usize, step: usize, to: &mut Plane) {
+    match count {
+        9 => sums_of::<9>(from, step, to),
+        7 => sums_of::<7>(from, step, to),
+        5 => sums_of::<5>(from, step, to),
+        3 => sums_of::<3>(from, step, to),
+        _ => sums_of::<1>(from, step, to),
     }
 }
 
 #[inline(always)]
-fn lanes(of: impl FnMut(usize) -> f32) -> Lanes {
-    core::array::from_fn(of)
+fn sums_of<const N: usize>(from: &Plane, step: usize, to: &mut Plane) {
+    let shifted: [&Plane; N] = core::array::from_fn(|i| from.get(i * step..i * step + to.len()).unwrap_or_default());
+    if shifted.iter().all(|shifted| shifted.len() == to.len()) {
+        for (i, to) in to.iter_mut().enumerate() {
+            let mut sum = shifted[0][i];
+            for shifted in &shifted[1..] {
+                sum += shifted[i];
+            }
+            *to = sum;
+        }
+    }
 }
 
+/// Σ a bᵀ, where that is symmetric.
 #[inline(always)]
-fn quotient(a: &Lanes, b: &Lanes) -> Lanes {
-    lanes(|i| if b[i] > 0.0 { a[i] / b[i] } else { 0.0 })
-}
-
-/// Σ a bᵀ.
-pub fn products(a: &[Lanes], b: &[Lanes]) -> Products {
-    let sum = widest(
-        #[inline(always)]
-        || a.iter().zip(b).fold([[0.0_f32; 4]; 4], |sum, (a, b)| core::array::from_fn(|i| lanes(|j| sum[i][j] + a[i] * b[j]))),
-    );
-    Products::from_fn(|i, j| f64::from(sum[i][j]))
+pub fn products(a: [&Plane; 4], b: [&Plane; 4]) -> Products {
+    let mut sum = [[[0.0_f32; WIDE]; 4]; 4];
+    let [a, b] = [a, b].map(|planes| planes.map(|plane| plane.as_chunks::<WIDE>().0));
+    let firsts = a[0].iter().zip(a[1]).zip(a[2]).zip(a[3]);
+    let seconds = b[0].iter().zip(b[1]).zip(b[2]).zip(b[3]);
+    for ((((a0, a1), a2), a3), (((b0, b1), b2), b3)) in firsts.zip(seconds) {
+        let (a, b) = ([a0, a1, a2, a3], [b0, b1, b2, b3]);
+        for i in 0..4 {
+            for j in i..4 {
+                sum[i][j] = core::array::from_fn(|k| sum[i][j][k] + a[i][k] * b[j][k]);
+            }
+        }
+    }
+    Products::from_fn(|i, j| sum[i.min(j)][i.max(j)].iter().map(|sum| f64::from(*sum)).sum())
 }
 
 /// Σ a · b.
-pub fn moments(a: &[Lanes], b: &[f32]) -> SVector<f64, 4> {
-    let sum = a.iter().zip(b).fold([0.0_f32; 4], |sum, (a, b)| lanes(|i| sum[i] + a[i] * b));
-    SVector::from_fn(|i, _| f64::from(sum[i]))
+#[inline(always)]
+pub fn moments(a: [&Plane; 4], b: &Plane) -> SVector<f64, 4> {
+    SVector::from([dot(a[0], b), dot(a[1], b), dot(a[2], b), dot(a[3], b)])
+}
+
+/// Σ a · b.
+#[inline(always)]
+pub fn dot(a: &Plane, b: &Plane) -> f64 {
+    let chunks = a.as_chunks::<WIDE>().0.iter().zip(b.as_chunks::<WIDE>().0);
+    let sum = chunks.fold([0.0_f32; WIDE], |sum, (a, b)| core::array::from_fn(|k| sum[k] + a[k] * b[k]));
+    sum.iter().map(|sum| f64::from(*sum)).sum()
 }
 
 #[cfg(test)]
@@ -295,11 +260,14 @@ mod tests {
     use super::*;
     use std::vec::Vec;
 
-    /// Some pixels of a patch, and one lane of them as plain numbers.
-    fn patch(grid: &Grid) -> Vec<Lanes> {
-        let inside = |i: usize| i % grid.width() < grid.columns && i / grid.width() < grid.rows;
-        let value = |i: usize| f32::from(u8::from(inside(i) && i % 7 != 3)) * (1.0 + 0.1 * (i % 11) as f32);
-        (0..grid.cells()).map(|i| lanes(|lane| value(i) * (1.0 + lane as f32 * (i % 5) as f32))).collect()
+    /// Some pixels of a patch, in four planes.
+    fn patch(grid: &Grid) -> [Vec<f32>; 4] {
+        let value = |i: usize, lane: usize| {
+            let Some((x, y)) = i.checked_sub(grid.first()).map(|i| (i % grid.width(), i / grid.width())) else { return 0.0 };
+            let inside = x < grid.columns && y < grid.rows && i % 7 != 3;
+            f32::from(u8::from(inside)) * (1.0 + 0.1 * (i % 11) as f32) * (1.0 + lane as f32 * (i % 5) as f32)
+        };
+        core::array::from_fn(|lane| (0..grid.cells()).map(|i| value(i, lane)).collect())
     }
 
     const PIXELS: usize = 12 * 9;
@@ -316,30 +284,41 @@ mod tests {
     }
 
     #[test]
-    fn running_sums_are_the_covariance_and_its_inverse() {
+    fn sums_over_windows_are_the_covariance_and_its_inverse() {
         for window in [[9, 7], [1, 3], [9, 9], [1, 1]] {
             let (grid, noise) = (Grid::new(12, 9, window), Shares { shared: 0.7, own: 0.3 });
             let jacobian = patch(&grid);
-            let at = |i: usize| jacobian[i / 12 * grid.width() + i % 12];
-            let used: Vec<bool> = (0..PIXELS).map(|i| at(i) != [0.0; 4]).collect();
-            let c = covariance(&grid, noise, &used);
-            let j = SMatrix::<f64, PIXELS, 4>::from_fn(|i, lane| f64::from(at(i)[lane]));
-            let expected = j.transpose() * c * j;
-            let got = grid.covariance(noise, &mut jacobian.clone());
+            let planes = jacobian.each_ref().map(Vec::as_slice);
+            let at = |i: usize, lane: usize| jacobian[lane][grid.first() + i / 12 * grid.width() + i % 12];
+            let used: Vec<bool> = (0..PIXELS).map(|i| at(i, 2) != 0.0).collect();
+            let j = SMatrix::<f64, PIXELS, 4>::from_fn(|i, lane| f64::from(at(i, lane)));
+            let mut room = std::vec![f32::NAN; 10 * grid.cells()];
+            let shared = covariance(&grid, Shares { shared: 1.0, own: 0.0 }, &used);
+            let expected = j.transpose() * shared * j;
+            let got = grid.covariance(planes, &mut room);
             assert!((got - expected).abs().max() < 1e-4 * expected.max(), "{got} {expected}");
 
-            let (mut weights, mut scratch) = (std::vec![[0.0; 4]; jacobian.len()], std::vec![[0.0; 4]; 5 * jacobian.len()]);
-            let whitened = grid.whiten(noise, &jacobian, &mut weights, &mut scratch);
-            let plain = (j.transpose() * c * j).diagonal();
+            let c = covariance(&grid, noise, &used);
+            let whitened = grid.whiten(noise, planes, planes[1], &mut room);
+            let (once, twice) = (c * j, c * c * j);
+            let plain = j.transpose() * once;
             let best = (j.transpose() * c.try_inverse().unwrap() * j).diagonal();
-            let response = products(&weights, &jacobian);
-            let variance = grid.covariance(noise, &mut weights);
-            assert!((whitened.response - response).abs().max() < 1e-4 * response.max());
-            assert!((whitened.covariance - variance).abs().max() < 1e-3 * variance.max(), "{} {variance}", whitened.covariance);
+            let (response, variance) = (whitened.response, whitened.covariance);
+            assert!((whitened.moments - response.column(1)).abs().max() < 1e-5 * response.max());
             for lane in 0..4 {
+                // That the response is to the weights that have the covariance: both are known where the weights are.
+                let basis = SMatrix::<f64, PIXELS, 2>::from_columns(&[j.column(lane), once.column(lane)]);
+                let images = SMatrix::<f64, PIXELS, 2>::from_columns(&[once.column(lane), twice.column(lane)]);
+                if let Some(inverse) = (basis.transpose() * images).try_inverse().filter(|_| window != [1, 1]) {
+                    let weights = basis * (inverse * basis.transpose() * j.column(lane));
+                    let expected = weights.transpose() * j;
+                    assert!((response.row(lane) - expected).abs().max() < 1e-3 * expected.max(), "{response} {expected}");
+                    let expected = (weights.transpose() * c * weights)[0];
+                    assert!((variance[(lane, lane)] / expected - 1.0).abs() < 1e-3, "{variance} {expected}");
+                }
                 // Variance of the estimate: that of the sum over the square of the response.
                 let efficiency = response[(lane, lane)] * response[(lane, lane)] / variance[(lane, lane)] / best[lane];
-                let plain = (j.column(lane).norm_squared() * j.column(lane).norm_squared()) / plain[lane] / best[lane];
+                let plain = j.column(lane).norm_squared() * j.column(lane).norm_squared() / plain[(lane, lane)] / best[lane];
                 assert!(efficiency < 1.001 && efficiency > plain - 1e-3, "{window:?} lane {lane}: {efficiency}, plain {plain}");
                 assert!(window == [1, 1] || efficiency > plain + 0.02, "{window:?} lane {lane}: {efficiency}, plain {plain}");
             }

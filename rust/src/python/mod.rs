@@ -15,6 +15,7 @@ mod result;
 mod samples;
 mod simulation;
 mod stream;
+mod video;
 mod waiting;
 
 use pyo3::prelude::*;
@@ -44,6 +45,8 @@ mod _physinc {
     use super::simulation::{scenes, simulate};
     #[pymodule_export]
     use super::stream::{Stream, Track, open_iterable, open_source};
+    #[pymodule_export]
+    use super::video::VideoFrame;
     use pyo3::prelude::*;
 
     #[pymodule_init]

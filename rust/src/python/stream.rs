@@ -6,12 +6,13 @@ use super::error::StreamTimeoutError;
 use super::event::{self, Counters};
 use super::frame::Frame;
 use super::iterable::Iterable;
+use super::video::VideoFrame;
 use super::waiting::{SLICE, wait_for};
 use crate::event::Event;
 use crate::math::rows;
 use crate::reasoning::Predictor;
 use crate::run::{Latest, Next, Options, Reader, Run, Step};
-use crate::source::{Recorder, Tape, Taped};
+use crate::source::{LatestVideo, Recorder, Tape, Taped};
 use crate::time;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -33,14 +34,30 @@ pub struct Stream {
     closed: AtomicBool,
     interrupted: AtomicBool,
     now: Mutex<Now>,
-    shown: Option<Shown>,
+    shown: Option<Shown<Latest, Frame>>,
+    filmed: Option<Shown<LatestVideo, VideoFrame>>,
     tape: Option<Tape>,
 }
 
-/// Images, if they are wanted.
-struct Shown {
-    latest: Arc<Latest>,
-    newest: Mutex<Option<Py<Frame>>>,
+/// Where images come from, if they are wanted, and the newest that was handed out.
+struct Shown<L, F> {
+    latest: Arc<L>,
+    newest: Mutex<Option<Py<F>>>,
+}
+
+impl<L, F> Shown<L, F> {
+    fn new(latest: Arc<L>) -> Self {
+        Self { latest, newest: Mutex::new(None) }
+    }
+
+    /// The newest, which `take` makes of what is there anew.
+    fn newest(&self, py: Python<'_>, take: impl FnOnce(&L) -> PyResult<Option<Py<F>>>) -> PyResult<Option<Py<F>>> {
+        let mut newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(image) = take(&self.latest)? {
+            *newest = Some(image);
+        }
+        Ok(newest.as_ref().map(|image| image.clone_ref(py)))
+    }
 }
 
 #[allow(clippy::large_enum_variant)] // There are few streams.
@@ -148,14 +165,20 @@ impl Stream {
     /// The newest image, if images are wanted and there was one; it may be ahead of the events.
     #[getter]
     fn frame(&self, py: Python<'_>) -> PyResult<Option<Py<Frame>>> {
-        let Some(Shown { latest, newest }) = &self.shown else {
+        let Some(shown) = &self.shown else {
             return Err(PyValueError::new_err("images are handed out by physinc.stream(..., frames=True)"));
         };
-        let mut newest = newest.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(picture) = latest.take() {
-            *newest = Some(Py::new(py, Frame::new(picture))?);
-        }
-        Ok(newest.as_ref().map(|frame| frame.clone_ref(py)))
+        shown.newest(py, |latest| latest.take().map(|picture| Py::new(py, Frame::new(picture))).transpose())
+    }
+
+    /// The newest image of the colour or infra-red camera, if video is wanted and there was one; it may be ahead of the events.
+    #[getter]
+    fn video(&self, py: Python<'_>) -> PyResult<Option<Py<VideoFrame>>> {
+        let Some(filmed) = &self.filmed else {
+            let what = "video comes from physinc.stream(\"kinect?video=color\"), or video=infrared";
+            return Err(PyValueError::new_err(what));
+        };
+        filmed.newest(py, |latest| latest.take().map(|image| Py::new(py, VideoFrame::new(image))).transpose())
     }
 
     /// The live tracks by number, as of the last event.
@@ -166,14 +189,28 @@ impl Stream {
 }
 
 impl Stream {
-    fn new(feed: Feed, timeout: Option<f64>, latest: Option<Arc<Latest>>, tape: Option<Tape>) -> PyResult<Self> {
+    fn new(
+        feed: Feed,
+        timeout: Option<f64>,
+        latest: Option<Arc<Latest>>,
+        video: Option<Arc<LatestVideo>>,
+        tape: Option<Tape>,
+    ) -> PyResult<Self> {
         let timeout = match timeout {
             None => None,
             Some(seconds) if seconds > 0.0 => Duration::try_from_secs_f64(seconds).ok(),
             Some(seconds) => return Err(PyValueError::new_err(format!("timeout = {seconds}: expected seconds above 0, or None"))),
         };
-        let shown = latest.map(|latest| Shown { latest, newest: Mutex::default() });
-        Ok(Self { feed, timeout, closed: AtomicBool::new(false), interrupted: AtomicBool::new(false), now: Mutex::default(), shown, tape })
+        Ok(Self {
+            feed,
+            timeout,
+            closed: AtomicBool::new(false),
+            interrupted: AtomicBool::new(false),
+            now: Mutex::default(),
+            shown: latest.map(Shown::new),
+            filmed: video.map(Shown::new),
+            tape,
+        })
     }
 
     fn now(&self) -> MutexGuard<'_, Now> {
@@ -290,7 +327,8 @@ pub fn open_source(
     if let Some(latest) = &latest {
         run.show(Arc::clone(latest));
     }
-    Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout, latest, tape)
+    let video = source.video();
+    Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout, latest, video, tape)
 }
 
 /// Takes frames or positions from a Python iterable.
@@ -313,5 +351,5 @@ pub fn open_iterable(
     config.validate()?;
     let options = Options { positions, provisional, ..Options::default() };
     let latest = images.then(Arc::<Latest>::default);
-    Stream::new(Feed::Iterable(Mutex::new(Iterable::new(items, config, options, latest.clone())?)), None, latest, None)
+    Stream::new(Feed::Iterable(Mutex::new(Iterable::new(items, config, options, latest.clone())?)), None, latest, None, None)
 }

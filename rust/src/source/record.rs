@@ -1,6 +1,6 @@
 //! A source that is being recorded: for the recording alone, or while it is used.
 
-use super::{Input, Kinect, RecordError, Recorder, Source, SourceError};
+use super::{Input, Kinect, LatestVideo, RecordError, Recorder, Source, SourceError};
 use crate::event::Counters;
 use crate::geometry::camera::Camera;
 use std::boxed::Box;
@@ -136,6 +136,10 @@ impl Source for Taped {
 
     fn wait_for_return(&mut self, patience: Duration) {
         self.source.wait_for_return(patience);
+    }
+
+    fn video(&self) -> Option<Arc<LatestVideo>> {
+        self.source.video()
     }
 
     fn remarks(&self) -> Vec<String> {

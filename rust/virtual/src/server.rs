@@ -39,7 +39,7 @@ pub fn serve(arguments: &[OsString]) -> Result<(), String> {
 fn populate(testbed: &Arc<Testbed>, options: &Options) -> Result<(), String> {
     let truth = options.truth.as_ref().map(|path| File::create(path).map_err(|error| format!("{}: {error}", path.display())));
     let truth = Arc::new(truth.transpose()?.map(Mutex::new));
-    let addresses = Arc::new(AtomicU8::new(1));
+    let addresses = Arc::new(AtomicU8::new(0));
     let failed = |error: io::Error| format!("nothing can be plugged in: {error}");
     let root = vec![("usb1".to_owned(), Arc::new(Node::new(Box::new(Hub::root()), nature(options))))];
     plug(testbed, &root, &addresses, options).map_err(failed)?;
@@ -115,7 +115,9 @@ fn nature(options: &Options) -> Nature {
 
 fn plug(testbed: &Testbed, devices: &[(String, Arc<Node>)], addresses: &AtomicU8, options: &Options) -> io::Result<Kinect> {
     let plug = |(name, node): &(String, Arc<Node>)| {
-        let place = Place { name: name.clone(), address: addresses.fetch_add(1, Ordering::Relaxed) % 127 };
+        // The next that is free, round and round, as the kernel does.
+        let next = || Place { name: name.clone(), address: addresses.fetch_add(1, Ordering::Relaxed) % 126 + 1 };
+        let place = std::iter::repeat_with(next).find(|place| !testbed.has(place)).unwrap_or_else(next);
         testbed.plug(&place, node)?;
         if let (Some(driver), true) = (&options.driver, node.state().driver.is_some()) {
             testbed.bind(&place, driver)?;

@@ -136,6 +136,11 @@ impl Testbed {
         self.announce("remove", place, &node.descriptors())
     }
 
+    /// Whether a device has that address.
+    pub fn has(&self, place: &Place) -> bool {
+        self.socket(place).exists()
+    }
+
     fn socket(&self, place: &Place) -> PathBuf {
         self.root.join("ioctl/dev").join(place.node())
     }

@@ -6,7 +6,7 @@ use std::string::String;
 
 /// The programs that have the file `node` open, as far as the system tells: `cheese (process 4711)`.
 pub(super) fn holders(node: &str) -> std::vec::Vec<String> {
-    let node = std::fs::canonicalize(node).unwrap_or_else(|_| node.into());
+    let node = std::fs::read_link(node).unwrap_or_else(|_| node.into());
     let own = format!("{}", std::process::id());
     let processes = std::fs::read_dir("/proc").into_iter().flatten().flatten();
     processes

@@ -72,7 +72,7 @@ pub enum Problem {
     #[error("{0}: unplug its USB and its power, wait for five seconds, and plug both in again")]
     Confused(#[from] Box<SessionError<UsbError>>),
     /// It was there, and is no longer.
-    #[error("the device is gone ({evidence}): plug it in again; `--reconnect S` (in Python reconnect=True) waits for that")]
+    #[error("the connection broke ({evidence}): plug it in again; `--reconnect S` (in Python reconnect=True) waits for that")]
     Gone {
         /// What libusb said.
         evidence: String,
