@@ -38,7 +38,6 @@ MISSING = [
     (["--model", "k4w"], 3, "K4W is out of reach", 0, "firmware"),
     (["--empty"], 3, "no Kinect found", 3, "no Kinect on the bus"),
     (["--no-bus"], 3, "physinc doctor", 3, "this machine has no USB"),
-    (["--busy"], 0, "", 1, "in use by virtual-kinect"),
     (["--driver", "gspca_kinect"], 0, "", 0, "modprobe -r gspca_kinect"),
 ]
 

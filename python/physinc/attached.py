@@ -92,13 +92,10 @@ class System:
 
     def holders(self, device: Device) -> list[str]:
         """Name the other programs that have its file open, as far as this user may know: `cheese (process 4711)`."""
-        node = device.node
-        with contextlib.suppress(OSError):
-            node = str(self.path(node).readlink())
         return [
             f"{self.read(f'/proc/{process.name}/comm') or 'a program'} (process {process.name})"
             for process in entries(self.path("/proc"))
-            if process.name.isdecimal() and int(process.name) != os.getpid() and self.has_open(process, node)
+            if process.name.isdecimal() and int(process.name) != os.getpid() and self.has_open(process, device.node)
         ]
 
     def has_open(self, process: Path, node: str) -> bool:
