@@ -3,6 +3,7 @@
 //! `virtual-kinect [SCENE|CAPTURE] [OPTIONS] -- COMMAND ARGS`: the command sees a Kinect's devices through libusb, lsusb, or whatever
 //! else looks at `/sys` and `/dev` by way of libc, since umockdev's preloaded library shows it a folder of ours instead.
 
+mod bus;
 mod gate;
 mod hotplug;
 mod node;
@@ -13,6 +14,7 @@ mod server;
 mod testbed;
 mod urb;
 mod usbfs;
+mod vhci;
 
 use rustix::thread::CapabilitySet;
 use std::env;
@@ -55,6 +57,10 @@ fn run(arguments: &[OsString]) -> Result<(), String> {
     if root.is_empty() {
         return Err("its server ended".into());
     }
+    let parsed = options::Options::parse(options)?;
+    if parsed.is_kernels {
+        return Err(format!("{}: {}", program.display(), Command::new(program).args(rest).exec()));
+    }
     let mut preload = OsString::from(PRELOAD);
     if let Some(others) = env::var_os("LD_PRELOAD") {
         preload.push(":");
@@ -62,7 +68,7 @@ fn run(arguments: &[OsString]) -> Result<(), String> {
     }
     let mut command = Command::new(program);
     command.args(rest).env("UMOCKDEV_DIR", root.trim_end()).env("LD_PRELOAD", preload);
-    if options::Options::parse(options)?.is_denied && rustix::process::geteuid().is_root() {
+    if parsed.is_denied && rustix::process::geteuid().is_root() {
         // Nothing is denied to a root that may override modes.
         for capability in [CapabilitySet::DAC_OVERRIDE, CapabilitySet::DAC_READ_SEARCH] {
             let removed = rustix::thread::remove_capability_from_bounding_set(capability);

@@ -2,7 +2,7 @@
 
 use crate::gate::Gate;
 use crate::options::Moment;
-use crate::queue::Queue;
+use crate::queue::{Pace, Queue};
 use crate::urb::{CONTROL, Done, ISOCHRONOUS, Urb};
 use physinc::sim::kinect::descriptor::Descriptors;
 use physinc::sim::kinect::{Device, FrameSent, Setup};
@@ -15,6 +15,9 @@ use std::time::{Duration, Instant};
 /// A program that reaps until nothing is left must come up for air.
 const MOST_REAPED: usize = 16;
 
+/// bmRequestType and bRequest.
+const SET_INTERFACE: (u8, u8) = (0x01, 11);
+
 /// An open file of a program: how often the device was plugged in before it was opened, and its number then.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Client(pub u64, pub u64);
@@ -24,8 +27,8 @@ pub const SOMEONE: Client = Client(u64::MAX, 0);
 
 /// What does not change about a device.
 pub struct Nature {
-    /// The bus does not wait for slow programs.
-    pub is_realtime: bool,
+    /// When its packets come.
+    pub pace: Pace,
     /// The kernel's driver that takes its interface.
     pub driver: Option<String>,
     /// Another program has it.
@@ -75,7 +78,7 @@ pub struct State {
 impl Node {
     /// A device that is not plugged in yet.
     pub fn new(device: Box<dyn Device>, nature: Nature) -> Self {
-        let queue = Queue::new(nature.is_realtime);
+        let queue = Queue::new(nature.pace);
         let state = State {
             device,
             claimed_by: None,
@@ -207,14 +210,52 @@ impl Node {
         Some(done)
     }
 
+    /// Waits until a transfer is over.
+    pub fn await_over(&self, client: Client) -> Result<(), Errno> {
+        let mut state = self.state();
+        loop {
+            let due = state.queue.due_ns(&*state.device, Some(client)).map(|due| due - self.now_ns());
+            if due.is_some_and(|left| left <= 0) || state.over.iter().any(|(other, _)| *other == client) {
+                return Ok(());
+            }
+            if !state.has(client) {
+                return Err(Errno::NODEV);
+            }
+            state = self.sleep(state, due);
+        }
+    }
+
+    /// Until something changes, or so long, ns.
+    fn sleep<'a>(&self, state: MutexGuard<'a, State>, left_ns: Option<i64>) -> MutexGuard<'a, State> {
+        match left_ns {
+            Some(left) => {
+                let waited = self.changed.wait_timeout(state, Duration::from_nanos(left.max(0) as u64));
+                waited.unwrap_or_else(PoisonError::into_inner).0
+            }
+            None => self.changed.wait(state).unwrap_or_else(PoisonError::into_inner),
+        }
+    }
+
     /// As [`Node::reap`], but waits.
     pub fn wait(&self, client: Client) -> Result<Done, Errno> {
         loop {
+            self.await_over(client)?;
             match self.reap(client) {
-                Err(Errno::AGAIN) => std::thread::sleep(Duration::from_micros(125)),
+                Err(Errno::AGAIN) => (),
                 other => return other,
             }
         }
+    }
+
+    /// Takes a transfer back without a word, if it was not reaped yet.
+    pub fn unlink(&self, client: Client, address: u64) -> bool {
+        let mut state = self.state();
+        let waited = state.queue.take(|(other, urb)| (*other, urb.address) == (client, address)).len();
+        let before = state.over.len();
+        state.over.retain(|(other, done)| (*other, done.urb.address) != (client, address));
+        let found = waited > 0 || state.over.len() < before;
+        self.settle(&mut state);
+        found
     }
 
     /// Ends a transfer that waits.
@@ -251,29 +292,16 @@ impl Node {
 
     /// Opens or closes the gate by what is complete now.
     fn settle(&self, state: &mut State) {
-        let due = state.queue.due_ns(&*state.device);
-        let is_complete = !state.over.is_empty() || due.is_some_and(|due| due <= self.now_ns());
-        if let Some(gate) = &mut state.gate {
-            gate.set(is_complete);
-        }
-        if !is_complete {
-            self.changed.notify_all();
-        }
+        state.open_or_close(self.now_ns());
+        self.changed.notify_all();
     }
 
     /// Opens the gate when a transfer becomes complete by itself; never returns.
     pub fn keep_time(&self) -> ! {
         let mut state = self.state();
         loop {
-            self.settle(&mut state);
-            let left_ns = state.queue.due_ns(&*state.device).map(|due| due - self.now_ns());
-            state = match left_ns {
-                Some(left @ 1..) => {
-                    let waited = self.changed.wait_timeout(state, Duration::from_nanos(left as u64));
-                    waited.unwrap_or_else(PoisonError::into_inner).0
-                }
-                _ => self.changed.wait(state).unwrap_or_else(PoisonError::into_inner),
-            };
+            let left = state.open_or_close(self.now_ns());
+            state = self.sleep(state, left.filter(|left| *left > 0));
         }
     }
 
@@ -285,7 +313,11 @@ impl Node {
             (self.nature.on_pull)();
             return Err(Errno::NODEV);
         }
-        Ok(state.device.control(setup, out, self.now_ns()).map_err(|_| Errno::PIPE))
+        let answer = state.device.control(setup, out, self.now_ns());
+        if answer.is_ok() && (setup.request_type, setup.request) == SET_INTERFACE {
+            state.setting = setup.value.into();
+        }
+        Ok(answer.map_err(|_| Errno::PIPE))
     }
 
     fn control_transfer(&self, state: &mut State, urb: Urb) -> Result<Done, Errno> {
@@ -304,6 +336,16 @@ impl State {
     /// Whether `client` has opened the device that is plugged in now.
     pub fn has(&self, client: Client) -> bool {
         self.gate.is_some() && client.0 == self.plugs
+    }
+
+    /// Opens or closes the gate by what is complete now; after how long a transfer will be, ns.
+    fn open_or_close(&mut self, now_ns: i64) -> Option<i64> {
+        let left = self.queue.due_ns(&*self.device, None).map(|due| due - now_ns);
+        let is_complete = !self.over.is_empty() || left.is_some_and(|left| left <= 0);
+        if let Some(gate) = &mut self.gate {
+            gate.set(is_complete);
+        }
+        left
     }
 
     /// The interface is `client`'s now, if nobody else holds it.

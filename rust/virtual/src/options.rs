@@ -1,5 +1,6 @@
 //! What the virtual Kinect is to be.
 
+use crate::queue::Pace;
 use physinc::sim::kinect::{Faults, Misbehaviour, Model};
 use rustix::io::Errno;
 use std::ffi::OsString;
@@ -13,6 +14,7 @@ pub const USAGE: &str = "usage: virtual-kinect [sim:SCENE | CAPTURE] [OPTIONS] -
   --without PART,…           of camera, motor, audio
   --empty, --no-bus          a bus without devices, no bus at all
   --realtime                 packets come whether the command takes them or not
+  --usbip                    attached to the kernel's vhci_hcd, for root; packets come no faster than USB's
   --faults KEY=VALUE&…       lose, burst, zero, short, double, foreign, error, silence (s), begin, from (frame), seed
   --reply WRONG[:FROM]       tag, command, magic, short, cut, status, never, late, stall; from which reply on
   --unplug AT[:S[:TIMES]]    after frame:N or command:N; back S seconds later, and again, so many times
@@ -51,7 +53,8 @@ pub struct Options {
     pub without: Vec<String>,
     pub has_devices: bool,
     pub has_bus: bool,
-    pub is_realtime: bool,
+    pub is_kernels: bool,
+    pub pace: Pace,
     pub faults: Faults,
     pub reply: Option<Misbehaviour>,
     pub unplug: Option<Unplug>,
@@ -73,7 +76,8 @@ impl Options {
             without: Vec::new(),
             has_devices: true,
             has_bus: true,
-            is_realtime: false,
+            is_kernels: false,
+            pace: Pace::Client,
             faults: Faults::default(),
             reply: None,
             unplug: None,
@@ -96,7 +100,8 @@ impl Options {
                 "--without" => options.without = value()?.split(',').map(String::from).collect(),
                 "--empty" => options.has_devices = false,
                 "--no-bus" => options.has_bus = false,
-                "--realtime" => options.is_realtime = true,
+                "--realtime" => options.pace = Pace::Real,
+                "--usbip" => (options.is_kernels, options.pace) = (true, Pace::Bus),
                 "--faults" => options.faults = Faults::parse(value()?)?,
                 "--reply" => options.reply = Some(Misbehaviour::parse(value()?)?),
                 "--unplug" => options.unplug = Some(unplug(value()?)?),

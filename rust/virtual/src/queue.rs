@@ -9,11 +9,24 @@ use std::collections::BTreeMap;
 /// Of the bus, ns.
 const MICROFRAME_NS: i64 = 125_000;
 
+/// A program may be late by so much and catch up, ns.
+const PATIENCE_NS: i64 = 100_000_000;
+
+/// When packets come. An endpoint that brings nothing always keeps time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pace {
+    /// As fast as the program takes them.
+    Client,
+    /// As fast as the bus brings them, but it waits for a slow program.
+    Bus,
+    /// As fast as the bus brings them: what nobody takes is lost.
+    Real,
+}
+
 /// Those of a device.
 #[derive(Debug)]
 pub struct Queue {
-    /// Else the bus waits for slow programs, and goes as fast as they take what an endpoint brings; one that brings nothing keeps time.
-    is_realtime: bool,
+    pace: Pace,
     waiting: Vec<Waiting>,
     clocks: BTreeMap<u8, Clock>,
 }
@@ -34,8 +47,8 @@ struct Clock {
 
 impl Queue {
     /// Empty.
-    pub fn new(is_realtime: bool) -> Self {
-        Self { is_realtime, waiting: Vec::new(), clocks: BTreeMap::new() }
+    pub fn new(pace: Pace) -> Self {
+        Self { pace, waiting: Vec::new(), clocks: BTreeMap::new() }
     }
 
     /// `urb` waits, too.
@@ -57,9 +70,9 @@ impl Queue {
         ended
     }
 
-    /// When the next is over.
-    pub fn due_ns(&self, device: &dyn Device) -> Option<i64> {
-        self.first(device, |_| true).map(|(due, _)| due)
+    /// When the next is over, of `client` or of all.
+    pub fn due_ns(&self, device: &dyn Device, client: Option<Client>) -> Option<i64> {
+        self.first(device, |waiting| client.is_none_or(|client| waiting.client == client)).map(|(due, _)| due)
     }
 
     /// When the first of those is over, and which it is.
@@ -75,13 +88,11 @@ impl Queue {
             seen.push(endpoint);
             let clock = self.clocks.get(&endpoint).copied().unwrap_or_default();
             let lasts = waiting.urb.slots.len() as i64 * MICROFRAME_NS;
-            let begins = if self.is_realtime { clock.bus_ns.max(waiting.since_ns) } else { clock.bus_ns };
-            let due = if self.is_realtime {
-                begins + lasts
-            } else if device.is_streaming(endpoint) {
-                0
-            } else {
-                clock.host_ns + lasts
+            let begins = if self.pace == Pace::Real { clock.bus_ns.max(waiting.since_ns) } else { clock.bus_ns };
+            let due = match self.pace {
+                Pace::Real => begins + lasts,
+                Pace::Client if device.is_streaming(endpoint) => 0,
+                Pace::Client | Pace::Bus => clock.host_ns + lasts,
             };
             if first.is_none_or(|(_, sooner, _)| begins + lasts < sooner) {
                 first = Some((due, begins + lasts, place));
@@ -98,14 +109,14 @@ impl Queue {
         }
         let Waiting { since_ns, urb, .. } = self.waiting.remove(place);
         let clock = self.clocks.entry(urb.endpoint).or_default();
-        if self.is_realtime && clock.bus_ns < since_ns {
+        if self.pace == Pace::Real && clock.bus_ns < since_ns {
             // What came while no transfer waited is lost.
             let missed = if clock.bus_ns == 0 { 0 } else { (since_ns - clock.bus_ns) / MICROFRAME_NS };
             (0..missed).for_each(|_| _ = device.packet(urb.endpoint));
             clock.bus_ns = since_ns;
         }
         clock.bus_ns += urb.slots.len() as i64 * MICROFRAME_NS;
-        clock.host_ns = now_ns;
+        clock.host_ns = if self.pace == Pace::Bus { due.max(now_ns - PATIENCE_NS) } else { now_ns };
         Some(fill(urb, device))
     }
 }

@@ -1,8 +1,10 @@
 //! The process that is the Kinect, as long as the command lives.
 
+use crate::bus::{Bus, Place};
 use crate::node::{Nature, Node};
 use crate::options::Options;
-use crate::testbed::{Folder, Place, Testbed};
+use crate::testbed::{Folder, Testbed};
+use crate::vhci::Vhci;
 use physinc::capture;
 use physinc::sim::kinect::{Audio, Camera, Depth, Device, Hub, Model, Motor};
 use rustix::event::{PollFd, PollFlags, poll};
@@ -25,10 +27,14 @@ pub fn serve(arguments: &[OsString]) -> Result<(), String> {
     let parent = getppid().ok_or("the command is gone already")?;
     let parent = pidfd_open(parent, PidfdFlags::empty()).map_err(|error| format!("the command can't be watched: {error}"))?;
     let folder = Folder::new().map_err(|error| format!("no folder to work in: {error}"))?;
-    let testbed = Testbed::new(&folder, options.has_bus, if options.is_denied { 0 } else { 0o666 });
-    let testbed = Arc::new(testbed.map_err(|error| format!("{}: {error}", folder.path().display()))?);
+    let bus: Arc<dyn Bus> = if options.is_kernels {
+        Arc::new(Vhci::default())
+    } else {
+        let testbed = Testbed::new(&folder, options.has_bus, if options.is_denied { 0 } else { 0o666 });
+        Arc::new(testbed.map_err(|error| format!("{}: {error}", folder.path().display()))?)
+    };
     if options.has_bus {
-        populate(&testbed, &options)?;
+        populate(&bus, &options)?;
     }
     println!("{}", folder.path().display());
     io::stdout().flush().map_err(|error| format!("the command can't be told: {error}"))?;
@@ -36,19 +42,19 @@ pub fn serve(arguments: &[OsString]) -> Result<(), String> {
     Ok(())
 }
 
-fn populate(testbed: &Arc<Testbed>, options: &Options) -> Result<(), String> {
+fn populate(bus: &Arc<dyn Bus>, options: &Options) -> Result<(), String> {
     let truth = options.truth.as_ref().map(|path| File::create(path).map_err(|error| format!("{}: {error}", path.display())));
     let truth = Arc::new(truth.transpose()?.map(Mutex::new));
     let addresses = Arc::new(AtomicU8::new(0));
     let failed = |error: io::Error| format!("nothing can be plugged in: {error}");
     let root = vec![("usb1".to_owned(), Arc::new(Node::new(Box::new(Hub::root()), nature(options))))];
-    plug(testbed, &root, &addresses, options).map_err(failed)?;
+    plug(&**bus, &root, &addresses).map_err(failed)?;
     for number in 0..if options.has_devices { options.count } else { 0 } {
         let (sender, receiver) = channel();
         let devices = devices(options, number, &truth, &sender)?;
-        let kinect = plug(testbed, &devices, &addresses, options).map_err(failed)?;
-        let (testbed, addresses, options) = (Arc::clone(testbed), Arc::clone(&addresses), options.clone());
-        thread::spawn(move || pull_and_plug(&testbed, kinect, &addresses, &options, &receiver));
+        let kinect = plug(&**bus, &devices, &addresses).map_err(failed)?;
+        let (bus, addresses, options) = (Arc::clone(bus), Arc::clone(&addresses), options.clone());
+        thread::spawn(move || pull_and_plug(&*bus, kinect, &addresses, &options, &receiver));
     }
     Ok(())
 }
@@ -103,7 +109,7 @@ fn devices(
 /// Of a device to which nothing happens.
 fn nature(options: &Options) -> Nature {
     Nature {
-        is_realtime: options.is_realtime,
+        pace: options.pace,
         driver: None,
         is_busy: false,
         pull: None,
@@ -113,33 +119,30 @@ fn nature(options: &Options) -> Nature {
     }
 }
 
-fn plug(testbed: &Testbed, devices: &[(String, Arc<Node>)], addresses: &AtomicU8, options: &Options) -> io::Result<Kinect> {
+fn plug(bus: &dyn Bus, devices: &[(String, Arc<Node>)], addresses: &AtomicU8) -> io::Result<Kinect> {
     let plug = |(name, node): &(String, Arc<Node>)| {
         // The next that is free, round and round, as the kernel does.
         let next = || Place { name: name.clone(), address: addresses.fetch_add(1, Ordering::Relaxed) % 126 + 1 };
-        let place = std::iter::repeat_with(next).find(|place| !testbed.has(place)).unwrap_or_else(next);
-        testbed.plug(&place, node)?;
-        if let (Some(driver), true) = (&options.driver, node.state().driver.is_some()) {
-            testbed.bind(&place, driver)?;
-        }
+        let place = std::iter::repeat_with(next).find(|place| !bus.has(place)).unwrap_or_else(next);
+        bus.plug(&place, node)?;
         Ok((place, Arc::clone(node)))
     };
     devices.iter().map(plug).collect()
 }
 
 /// Pulls a Kinect whenever its camera says so, and plugs it in again.
-fn pull_and_plug(testbed: &Testbed, mut kinect: Kinect, addresses: &AtomicU8, options: &Options, pulled: &Receiver<()>) {
+fn pull_and_plug(bus: &dyn Bus, mut kinect: Kinect, addresses: &AtomicU8, options: &Options, pulled: &Receiver<()>) {
     let Some(unplug) = options.unplug else { return };
     for _ in 0..unplug.times {
         if pulled.recv().is_err() {
             return;
         }
         // The innermost first, as their folders are.
-        let gone = kinect.iter().rev().try_for_each(|(place, node)| testbed.pull(place, node));
+        let gone = kinect.iter().rev().try_for_each(|(place, node)| bus.pull(place, node));
         let Some(back) = unplug.back else { return };
         thread::sleep(back);
         let devices: Vec<_> = kinect.into_iter().map(|(place, node)| (place.name, node)).collect();
-        match gone.and_then(|()| plug(testbed, &devices, addresses, options)) {
+        match gone.and_then(|()| plug(bus, &devices, addresses)) {
             Ok(plugged) => kinect = plugged,
             Err(error) => return eprintln!("virtual-kinect: it can't be plugged in again: {error}"),
         }

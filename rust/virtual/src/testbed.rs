@@ -1,5 +1,6 @@
 //! The folder that umockdev's preloaded library shows to a program as `/sys` and `/dev`.
 
+use crate::bus::{Bus, Place};
 use crate::hotplug;
 use crate::node::{Client, Node};
 use crate::preload::Caller;
@@ -54,15 +55,6 @@ pub struct Testbed {
     mode: u32,
 }
 
-/// Where a device is plugged in.
-#[derive(Clone, Debug)]
-pub struct Place {
-    /// `1-1.3`: bus 1, port 1 of the root hub, port 3 of the hub there; `usb1` the root hub.
-    pub name: String,
-    /// Its number at the bus.
-    pub address: u8,
-}
-
 impl Place {
     /// Its folder below `sys/devices`, in those of the hubs above it.
     fn folder(&self) -> PathBuf {
@@ -106,41 +98,6 @@ impl Testbed {
         Ok(testbed)
     }
 
-    /// Plugs a device in and serves it to whoever opens its node.
-    pub fn plug(&self, place: &Place, node: &Arc<Node>) -> io::Result<()> {
-        let (gate, plugs) = node.plug(place.address)?;
-        let descriptors = node.descriptors();
-        fs::set_permissions(&gate, Permissions::from_mode(self.mode))?;
-        symlink(gate, self.root.join("dev").join(place.node()))?;
-        symlink(format!("{MAJOR}:{}", place.address - 1), self.root.join("dev/.node").join(place.node().replace('/', "_")))?;
-        let socket = self.socket(place);
-        let listener = UnixListener::bind(&socket)?;
-        fs::set_permissions(socket, Permissions::from_mode(0o777))?;
-        let node = Arc::clone(node);
-        thread::spawn(move || listen(&listener, &node, plugs));
-        self.describe(place, &descriptors)?;
-        self.announce("add", place, &descriptors)
-    }
-
-    /// Pulls it out.
-    pub fn pull(&self, place: &Place, node: &Node) -> io::Result<()> {
-        node.pull();
-        fs::remove_file(self.root.join(BUS).join(&place.name))?;
-        fs::remove_dir_all(self.root.join("sys/devices").join(place.folder()))?;
-        fs::remove_file(self.root.join("dev").join(place.node()))?;
-        fs::remove_file(self.root.join("dev/.node").join(place.node().replace('/', "_")))?;
-        // The listener wakes up and sees that its device is gone.
-        let socket = self.socket(place);
-        drop(UnixStream::connect(&socket));
-        fs::remove_file(socket)?;
-        self.announce("remove", place, &node.descriptors())
-    }
-
-    /// Whether a device has that address.
-    pub fn has(&self, place: &Place) -> bool {
-        self.socket(place).exists()
-    }
-
     fn socket(&self, place: &Place) -> PathBuf {
         self.root.join("ioctl/dev").join(place.node())
     }
@@ -158,7 +115,7 @@ impl Testbed {
     }
 
     /// The kernel's `driver` has the interface.
-    pub fn bind(&self, place: &Place, driver: &str) -> io::Result<()> {
+    fn bind(&self, place: &Place, driver: &str) -> io::Result<()> {
         let interface = self.root.join("sys/devices").join(place.folder()).join(format!("{}:1.0", place.name));
         fs::create_dir_all(&interface)?;
         symlink(format!("../drivers/{driver}"), interface.join("driver"))
@@ -202,6 +159,43 @@ impl Testbed {
         let up = "../".repeat(folder.components().count() + 1);
         symlink(format!("{up}bus/usb"), path.join("subsystem"))?;
         symlink(Path::new("../../../devices").join(folder), self.root.join(BUS).join(&place.name))
+    }
+}
+
+impl Bus for Testbed {
+    fn plug(&self, place: &Place, node: &Arc<Node>) -> io::Result<()> {
+        let (gate, plugs) = node.plug(place.address)?;
+        let descriptors = node.descriptors();
+        fs::set_permissions(&gate, Permissions::from_mode(self.mode))?;
+        symlink(gate, self.root.join("dev").join(place.node()))?;
+        symlink(format!("{MAJOR}:{}", place.address - 1), self.root.join("dev/.node").join(place.node().replace('/', "_")))?;
+        let socket = self.socket(place);
+        let listener = UnixListener::bind(&socket)?;
+        fs::set_permissions(socket, Permissions::from_mode(0o777))?;
+        let server = Arc::clone(node);
+        thread::spawn(move || listen(&listener, &server, plugs));
+        self.describe(place, &descriptors)?;
+        if let Some(driver) = &node.state().driver {
+            self.bind(place, driver)?;
+        }
+        self.announce("add", place, &descriptors)
+    }
+
+    fn pull(&self, place: &Place, node: &Node) -> io::Result<()> {
+        node.pull();
+        fs::remove_file(self.root.join(BUS).join(&place.name))?;
+        fs::remove_dir_all(self.root.join("sys/devices").join(place.folder()))?;
+        fs::remove_file(self.root.join("dev").join(place.node()))?;
+        fs::remove_file(self.root.join("dev/.node").join(place.node().replace('/', "_")))?;
+        // The listener wakes up and sees that its device is gone.
+        let socket = self.socket(place);
+        drop(UnixStream::connect(&socket));
+        fs::remove_file(socket)?;
+        self.announce("remove", place, &node.descriptors())
+    }
+
+    fn has(&self, place: &Place) -> bool {
+        self.socket(place).exists()
     }
 }
 

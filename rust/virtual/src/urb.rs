@@ -77,6 +77,11 @@ impl Urb {
         Ok(Some(Self { address, kind, endpoint, buffer, length, slots, out }))
     }
 
+    /// Not a program's, but the kernel's.
+    pub fn received(address: u64, kind: u8, endpoint: u8, length: usize, slots: Vec<u32>, out: Vec<u8>) -> Self {
+        Self { address, kind, endpoint, buffer: 0, length, slots, out }
+    }
+
     /// It ended well.
     pub fn succeed(self, actual: usize, bytes: Vec<u8>, packets: Vec<Came>) -> Done {
         Done { urb: self, status: 0, actual, bytes, packets }
