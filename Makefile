@@ -2,6 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 SOURCES := $(shell find rust/src -name '*.rs') Cargo.toml Cargo.lock pyproject.toml
+TARGET := $(abspath $(or $(CARGO_TARGET_DIR),target))
 EXTENSION = $(shell sed -n 's/^module-name = "\(.*\)"/\1/p' pyproject.toml)
 
 export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
@@ -26,15 +27,15 @@ recordings:  ## make the packaged demo and fixtures/ anew, byte for byte
 
 test: test-rust test-python  ## every test, Rust's and Python's
 
-test-rust:
-	cargo test --locked --features usb
+test-rust: virtual
+	VIRTUAL_KINECT=$(TARGET)/release/virtual-kinect cargo test --locked --features usb
 	cargo test --locked --release --test instructions
 
 test-python: .venv/.installed
 	python -m pytest
 
 virtual:  ## target/release/virtual-kinect, which runs a program beside a Kinect that isn't there
-	cargo build --release --locked --manifest-path rust/virtual/Cargo.toml --target-dir $(or $(CARGO_TARGET_DIR),target)
+	cargo build --release --locked --manifest-path rust/virtual/Cargo.toml --target-dir $(TARGET)
 
 test-usb-kernel: .venv/.installed virtual  ## the driver on a real kernel's usbfs, in a guest of QEMU (what it needs: tests/usb_kernel/run)
 	tests/usb_kernel/run
@@ -62,7 +63,7 @@ lint: .venv/.installed  ## formats, clippy, ruff, mypy and stubtest; warnings ar
 	cargo clippy --locked --all-targets --features usb -- -D warnings
 	cargo clippy --locked --lib --no-default-features -- -D warnings
 	cargo clippy --locked --lib --features python -- -D warnings
-	cargo clippy --locked --manifest-path rust/virtual/Cargo.toml --target-dir $(or $(CARGO_TARGET_DIR),target) -- -D warnings
+	cargo clippy --locked --manifest-path rust/virtual/Cargo.toml --target-dir $(TARGET) -- -D warnings
 	ruff check
 	ruff format --check
 	mypy

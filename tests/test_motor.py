@@ -99,8 +99,11 @@ def test_kinects_are_chosen_by_index_and_serial_number(attach: Any) -> None:
     [
         ([], "no Kinect found"),
         ([CAMERA, AUDIO], "its motor isn't"),
-        ([(0x2AE, 0x114, (2, 3), "0000000000000000"), AUDIO], "Kinect 1473: LED, tilt and accelerometer .* depth, events"),
-        ([(0x2BF, 0x200, (2, 3), "0000000000000000")], "Kinect K4W: LED"),
+        (
+            [(0x2AE, 0x114, (2, 3), "0000000000000000"), MOTOR, AUDIO],
+            "Kinect 1473 is out of reach: LED, tilt and accelerometer .* depth, events",
+        ),
+        ([(0x2BF, 0x200, (2, 3), "0000000000000000")], "Kinect K4W is out of reach: LED"),
     ],
 )
 def test_no_motor_says_what_works(attach: Any, devices: list[Any], message: str) -> None:

@@ -37,7 +37,7 @@ def devices(*, json: Annotated[bool, Flag] = False) -> int:
     elif rows:
         table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
         for title in ("index", "serial", "model", "place", "parts", "driver", "in use by"):
-            table.add_column(title, overflow="fold")
+            table.add_column(title, no_wrap=title in {"serial", "place"}, overflow="fold")
         for kinect in rows:
             cells = ("index", "serial", "model", "place", "parts", "driver", "in_use_by")
             table.add_row(*(escape(shown(kinect[name])) for name in cells))

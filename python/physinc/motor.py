@@ -167,13 +167,17 @@ def find(serial: str | int | None) -> Any:
     found = parts.kinects(attached())
     if not found:
         raise DeviceNotFoundError("no Kinect found: plug in its USB cable and its 12 V supply; `physinc doctor` says what is missing")
-    chosen = next((kinect for kinect in found if parts.motor(kinect)), found[0]) if serial is None else named(found, str(serial))
-    motor = parts.motor(chosen)
-    if motor is not None:
-        return motor
+    chosen = next((kinect for kinect in found if turns(kinect)), found[0]) if serial is None else named(found, str(serial))
+    if turns(chosen):
+        return parts.motor(chosen)
     if parts.model(chosen) == "1414":
         raise DeviceNotFoundError("this Kinect's camera is there, its motor isn't: unplug it and plug it in again, then `physinc doctor`")
-    raise DeviceNotFoundError(f"no motor of its own in a Kinect {parts.model(chosen)}: {parts.BEYOND_1414}")
+    raise DeviceNotFoundError(f"the motor of a Kinect {parts.model(chosen)} is out of reach: {parts.BEYOND_1414}")
+
+
+def turns(kinect: list[Any]) -> bool:
+    """Whether it has a motor that answers: later models show one that doesn't."""
+    return parts.motor(kinect) is not None and parts.model(kinect) == "1414"
 
 
 def attached() -> list[Any]:

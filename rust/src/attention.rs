@@ -5,7 +5,7 @@ use crate::detect::{Blob, Detection};
 use crate::geometry::camera::{Camera, Pose};
 use crate::math::{ceil, floor, sqrt};
 use crate::reasoning::{Predictor, Reasoning};
-use crate::seeing::Band;
+use crate::seeing::{Area, Band};
 use crate::time::{after, seconds_between};
 use crate::track::association::TRACKS;
 use heapless::Vec;
@@ -15,7 +15,7 @@ use heapless::Vec;
 const EVERYWHERE: f64 = 0.1;
 /// An object is looked for within so many standard deviations of where the law puts it: as far as it is taken for the same one.
 const GATE: f64 = 5.5;
-/// Rows beyond that, px: for the noise of its measurement and of its silhouette, and so that it is seen whole.
+/// Rows and columns beyond that, px: for the noise of its measurement and of its silhouette, and so that it is seen whole.
 const MARGIN: f64 = 12.0;
 /// More of the image than this is not worth to be told apart from all of it.
 const MOST: f64 = 0.5;
@@ -50,19 +50,21 @@ impl Attention {
             let Some(band) = self.band(timestamp_ns, camera, &pose, &predictor) else { return Vec::new() };
             let _ = bands.push(band);
         }
-        bands.sort_unstable_by_key(|band| band.rows.start);
+        bands.sort_unstable_by_key(|band| band.area.rows.start);
         let mut apart: Vec<Band, TRACKS> = Vec::new();
         for band in bands {
-            match apart.last_mut().filter(|last| last.rows.end >= band.rows.start) {
+            match apart.last_mut().filter(|last| last.area.rows.end >= band.area.rows.start) {
                 Some(last) => {
-                    last.rows.end = last.rows.end.max(band.rows.end);
+                    let (area, more) = (&mut last.area, band.area);
+                    area.rows.end = area.rows.end.max(more.rows.end);
+                    area.columns = area.columns.start.min(more.columns.start)..area.columns.end.max(more.columns.end);
                     last.balls += band.balls;
                 }
                 None => _ = apart.push(band),
             }
         }
-        let rows: usize = apart.iter().map(|band| band.rows.len()).sum();
-        if rows as f64 > MOST * camera.height as f64 { Vec::new() } else { apart }
+        let pixels: usize = apart.iter().map(|band| band.area.rows.len() * band.area.columns.len()).sum();
+        if pixels as f64 > MOST * (camera.width * camera.height) as f64 { Vec::new() } else { apart }
     }
 
     fn band(&self, timestamp_ns: i64, camera: &Camera, pose: &Pose, predictor: &Predictor) -> Option<Band> {
@@ -70,15 +72,19 @@ impl Attention {
         let at = |time_ns: i64| {
             let (center, covariance) = predictor.predict(time_ns);
             let center = pose.to_camera(&center);
-            let (_, row) = camera.project(&center)?;
-            Some((row, (GATE * sqrt(covariance.trace()) + self.radius) / center.z * camera.fy + MARGIN))
+            let pixel = camera.project(&center)?;
+            Some((pixel, (GATE * sqrt(covariance.trace()) + self.radius) / center.z))
         };
         // The row says when the object is seen, and that in which row.
-        let (guess, _) = at(timestamp_ns)?;
-        let (row, half) = if camera.readout > 0.0 { at(after(timestamp_ns, guess * row_time))? } else { at(timestamp_ns)? };
-        let end = camera.height as f64;
-        let (first, last) = (floor(row - half).clamp(0.0, end) as usize, ceil(row + half).clamp(0.0, end) as usize);
-        (first < last).then_some(Band { rows: first..last, balls: 1 })
+        let ((_, guess), _) = at(timestamp_ns)?;
+        let ((column, row), reach) = if camera.readout > 0.0 { at(after(timestamp_ns, guess * row_time))? } else { at(timestamp_ns)? };
+        let span = |middle: f64, half: f64, end: usize| {
+            let [first, last] = [floor(middle - half), ceil(middle + half)].map(|pixel| pixel.clamp(0.0, end as f64) as usize);
+            (first < last).then_some(first..last)
+        };
+        let rows = span(row, reach * camera.fy + MARGIN, camera.height)?;
+        let columns = span(column, reach * camera.fx + MARGIN, camera.width)?;
+        Some(Band { area: Area { rows, columns }, balls: 1 })
     }
 
     /// Learns what a frame showed: whether the `whole` image was searched, and how many objects are tracked now.

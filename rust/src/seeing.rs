@@ -3,8 +3,9 @@
 use crate::config::ObjectConfig;
 use crate::detect::background::{self, ROUND, Stranger};
 use crate::detect::ball::{Found, ROOM, View};
-use crate::detect::components::{Cluttered, Component, Marks, Run, connect};
-use crate::detect::foreground::{Coding, Frame, Sample};
+use crate::detect::components::{CHUNK, Cluttered, Component, Marks, Run, connect};
+pub use crate::detect::foreground::Area;
+use crate::detect::foreground::{Coding, Frame, Sample, first_key_beyond};
 use crate::detect::noise::{Factors, Noise};
 use crate::detect::{Blob, Detection};
 use crate::error::ConfigError;
@@ -18,12 +19,16 @@ use heapless::Vec;
 
 /// Smallest component that is looked at, px: below it, depth says too little of a ball.
 const FEWEST_PIXELS: u32 = 20;
+/// Likewise, rows: discs of so many pixels have more. So no component is missed where at first every so manyth row is looked at.
+const FEWEST_ROWS: usize = 4;
+/// Rows around foreground that are looked at as well: enough to see how a ball's silhouette ends.
+const AROUND: usize = 8;
 
-/// Rows of an image in which to look for balls.
+/// A part of an image in which to look for balls.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Band {
-    /// The rows.
-    pub rows: Range<usize>,
+    /// Where: somewhat more may be searched.
+    pub area: Area,
     /// How many whole balls there are to be found.
     pub balls: usize,
 }
@@ -33,7 +38,7 @@ pub struct Band {
 pub struct Scope<'s> {
     /// Samples that are missing: ascending ranges, row by row. They show nothing, and say nothing of a ball's silhouette.
     pub missing: &'s [Range<usize>],
-    /// Where balls are expected: ascending, apart from each other. None is the whole image.
+    /// Where balls are expected: no two in the same rows, ascending. None is the whole image.
     pub bands: &'s [Band],
 }
 
@@ -325,17 +330,18 @@ impl<'b> Seeing<'b> {
         if self.learns(&mut source) {
             return true;
         }
+        let everywhere = Area { rows: 0..self.camera.height, columns: 0..self.camera.width };
         let mut found = Vec::new();
         let narrow = !scope.bands.is_empty()
             && scope.bands.iter().all(|band| {
                 let before = found.len();
-                let complete = self.search(&mut source, &band.rows, scope.missing, &mut found) == Ok(true);
+                let complete = self.search(&mut source, &band.area, scope.missing, &mut found) == Ok(true);
                 let whole = found.iter().skip(before).filter(|ball| ball.detection.blob == Blob::Whole).count();
                 complete && whole >= band.balls
             });
         if !narrow {
             found.clear();
-            self.cluttered += u64::from(self.search(&mut source, &(0..self.camera.height), scope.missing, &mut found).is_err());
+            self.cluttered += u64::from(self.search(&mut source, &everywhere, scope.missing, &mut found).is_err());
         }
         self.follow(&mut source, &found);
         for ball in found {
@@ -359,7 +365,7 @@ impl<'b> Seeing<'b> {
         }
         let learning = self.seen < self.background_frames;
         if learning {
-            (0..self.camera.height).for_each(|row| _ = source.row(row));
+            (0..self.camera.height).for_each(|row| _ = source.part(row, 0..self.camera.width));
             background::learn(source.samples(), &self.coding, limits, farthest);
         }
         if self.seen == self.background_frames {
@@ -385,6 +391,7 @@ impl<'b> Seeing<'b> {
         }
         let Buffers { limits, farthest, strangers, .. } = &mut self.buffers;
         let Camera { width, height, fx, .. } = self.camera;
+        let beyond = first_key_beyond::<S>(&self.coding);
         for _ in 0..height.div_ceil(ROUND) {
             let (row, pixels) = (self.row, self.row * width..(self.row + 1) * width);
             self.row = (row + 1) % height;
@@ -400,40 +407,96 @@ impl<'b> Seeing<'b> {
                     ((row as f64 - y).abs() < reach).then_some((x - reach) as usize..(x + reach) as usize + 1)
                 })
                 .collect();
-            background::follow(source.row(row), &self.coding, limits, farthest, strangers, &kept);
+            background::follow(source.part(row, 0..width), &self.coding, beyond, limits, farthest, strangers, &kept);
         }
     }
 
-    /// Searches `rows` for balls that lie wholly in them. False where more rows are needed to see them as they are.
+    /// Searches `area` for balls that lie wholly in it. False where more of the image is needed to see them as they are.
     fn search<S: Sample>(
         &mut self,
         source: &mut impl Source<S>,
-        rows: &Range<usize>,
+        area: &Area,
+        missing: &[Range<usize>],
+        found: &mut Vec<Found, 16>,
+    ) -> Result<bool, Cluttered> {
+        let Camera { width, height, .. } = self.camera;
+        let Area { rows, columns } = area;
+        if rows.start >= rows.end || rows.end > height || columns.start >= columns.end || columns.end > width {
+            return Ok(false);
+        }
+        let columns = columns.start / CHUNK * CHUNK..(columns.end.div_ceil(CHUNK) * CHUNK).min(width);
+        let area = Area { rows: rows.clone(), columns };
+        let before = found.len();
+        for stride in [FEWEST_ROWS, 1] {
+            self.look_at(source, &area, stride);
+            found.truncate(before);
+            if self.search_marked(source, &area, missing, found)? {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    /// Marks the foreground in every `stride`th row, and in all rows around those that show any.
+    fn look_at<S: Sample>(&mut self, source: &mut impl Source<S>, area: &Area, stride: usize) {
+        let Buffers { limits, marks, .. } = &mut self.buffers;
+        let (width, coding) = (self.camera.width, &self.coding);
+        let Area { rows, columns } = area;
+        let Some(marks) = marks.get_mut(rows.clone()) else { return };
+        widest(
+            #[inline(always)]
+            || {
+                for (row, marks) in rows.clone().zip(&mut *marks) {
+                    *marks = if row % stride == 0 { mark(source, row, columns, limits, width, coding) } else { Marks::default() };
+                }
+                for seen in (0..marks.len()).filter(|i| (rows.start + i) % stride == 0) {
+                    if marks.get(seen).is_none_or(|marks| marks.is_empty()) {
+                        continue;
+                    }
+                    for (i, marks) in marks.iter_mut().enumerate().take(seen + AROUND + 1).skip(seen.saturating_sub(AROUND)) {
+                        if !marks.looked_at {
+                            *marks = mark(source, rows.start + i, columns, limits, width, coding);
+                        }
+                    }
+                }
+            },
+        );
+    }
+
+    /// Searches what is marked of `area`.
+    fn search_marked<S: Sample>(
+        &mut self,
+        source: &mut impl Source<S>,
+        area: &Area,
         missing: &[Range<usize>],
         found: &mut Vec<Found, 16>,
     ) -> Result<bool, Cluttered> {
         let Buffers { limits, marks, depths, runs, planes, .. } = &mut self.buffers;
         let Camera { width, height, .. } = self.camera;
-        let Some(marks) = marks.get_mut(rows.clone()) else { return Ok(false) };
-        widest(
-            #[inline(always)]
-            || {
-                for (row, marks) in rows.clone().zip(marks.iter_mut()) {
-                    let limits = limits.get(row * width..(row + 1) * width).unwrap_or_default();
-                    *marks = Marks::of(source.row(row), limits, &self.coding);
-                }
-            },
-        );
-        let (first, end) = (rows.start * width, rows.end * width);
-        let Some(samples) = source.samples().get(first..end) else { return Ok(false) };
-        let frame = Frame { samples, first, asked_beyond: Cell::new(false), limits, depths, coding: self.coding, missing };
+        let Some(marks) = marks.get(area.rows.clone()) else { return Ok(false) };
+        let frame = Frame {
+            samples: source.samples(),
+            width,
+            at_hand: area.clone(),
+            marks,
+            asked_beyond: Cell::new(false),
+            limits,
+            depths,
+            coding: self.coding,
+            missing,
+        };
         let smallest = self.radii.iter().copied().fold(f64::INFINITY, f64::min);
-        let count = connect(&frame, width, rows.start, marks, View::<S>::jump(smallest), self.noise, runs)?;
-        // What touches the first or the last row may go on beyond.
-        let inside =
-            |row: u16| (usize::from(row) > rows.start || rows.start == 0) && (usize::from(row) + 1 < rows.end || rows.end == height);
+        let count = connect(&frame, width, area.rows.start, marks, View::<S>::jump(smallest), self.noise, runs)?;
+        // What touches an edge may go on beyond.
+        let inside = |first_and_last: &[u16; 2], area: &Range<usize>, end: usize| {
+            let [first, last] = first_and_last.map(usize::from);
+            (first > area.start || area.start == 0) && (last + 1 < area.end || area.end == end)
+        };
+        let whole = |c: &Component| inside(&c.rows, &area.rows, height) && inside(&c.columns, &area.columns, width);
         let components = runs.iter().take(count).enumerate().filter_map(|(index, run)| run.component(index));
-        for component in components.filter(|c| c.pixels >= FEWEST_PIXELS && c.rows.iter().all(|row| inside(*row))) {
+        for component in
+            components.filter(|c| c.pixels >= FEWEST_PIXELS && usize::from(c.rows[1] - c.rows[0]) + 1 >= FEWEST_ROWS && whole(c))
+        {
             let view = |radius| View { frame: &frame, camera: &self.camera, noise: self.noise, factors: self.factors, radius };
             let Some(ball) = look(view, &self.radii, component, planes) else { continue };
             // Two pieces of one ball, on both sides of a hole.
@@ -449,11 +512,26 @@ impl<'b> Seeing<'b> {
     }
 }
 
-/// An image whose rows can be read one by one.
+/// Marks the foreground in some columns of a row.
+#[inline(always)]
+#[allow(clippy::inline_always)] // So that it is compiled for the registers of `widest`.
+fn mark<S: Sample>(
+    source: &mut impl Source<S>,
+    row: usize,
+    columns: &Range<usize>,
+    limits: &[u16],
+    width: usize,
+    coding: &Coding,
+) -> Marks {
+    let limits = limits.get(row * width + columns.start..row * width + columns.end).unwrap_or_default();
+    Marks::of(source.part(row, columns.clone()), limits, columns.start, width, coding)
+}
+
+/// An image that can be read part by part.
 trait Source<S> {
-    /// The samples of a row.
-    fn row(&mut self, row: usize) -> &[S];
-    /// The samples of all rows; those that were not read by now may be wrong.
+    /// The samples of some columns of a row.
+    fn part(&mut self, row: usize, columns: Range<usize>) -> &[S];
+    /// All samples; those that were not read by now may be wrong.
     fn samples(&self) -> &[S];
 }
 
@@ -464,8 +542,8 @@ struct Plain<'a, S> {
 
 impl<S> Source<S> for Plain<'_, S> {
     #[inline]
-    fn row(&mut self, row: usize) -> &[S] {
-        self.samples.get(row * self.width..(row + 1) * self.width).unwrap_or_default()
+    fn part(&mut self, row: usize, columns: Range<usize>) -> &[S] {
+        self.samples.get(row * self.width + columns.start..row * self.width + columns.end).unwrap_or_default()
     }
 
     fn samples(&self) -> &[S] {
@@ -481,10 +559,10 @@ struct Packed<'a> {
 
 impl Source<u16> for Packed<'_> {
     #[inline]
-    fn row(&mut self, row: usize) -> &[u16] {
-        let row = row * WIDTH..(row + 1) * WIDTH;
-        match self.packing.unpack_part(self.bytes, self.samples, row.clone()) {
-            Ok(()) => self.samples.get(row).unwrap_or_default(),
+    fn part(&mut self, row: usize, columns: Range<usize>) -> &[u16] {
+        let part = row * WIDTH + columns.start..row * WIDTH + columns.end;
+        match self.packing.unpack_part(self.bytes, self.samples, part.clone()) {
+            Ok(()) => self.samples.get(part).unwrap_or_default(),
             // Its size was checked.
             Err(_) => &[],
         }

@@ -44,8 +44,11 @@ fn before(device: &[&str], name: &str) {
         println!("skipped: VIRTUAL_KINECT does not name the virtual Kinect");
         return;
     };
-    let own = std::env::current_exe().expect("this test");
-    let output = Command::new(program).args(device).arg("--").arg(own).args(["--ignored", "--exact", name, "--nocapture"]).output();
+    // Where anybody may run it.
+    let own = std::env::temp_dir().join(format!("physinc-live-{}-{}", std::process::id(), name.replace("::", "-")));
+    std::fs::copy(std::env::current_exe().expect("this test"), &own).expect("room");
+    let output = Command::new(program).args(device).arg("--").arg(&own).args(["--ignored", "--exact", name, "--nocapture"]).output();
+    let _ = std::fs::remove_file(own);
     let output = output.expect("the virtual Kinect runs");
     assert!(output.status.success(), "{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
 }
@@ -83,6 +86,11 @@ fn every_frame_is_what_was_sent_and_none_allocates() {
 #[test]
 fn a_device_that_another_program_has_names_it() {
     before(&["--busy"], "under_virtual::busy");
+}
+
+#[test]
+fn a_device_that_may_not_be_opened_says_which() {
+    before(&["--denied"], "under_virtual::denied");
 }
 
 #[test]
@@ -128,6 +136,14 @@ mod under_virtual {
         let error = Live::open("kinect", &CameraConfig::default()).err().expect("another has it");
         let SourceError::Device(DeviceError { problem: Problem::Busy { holders, .. }, .. }) = &error else { panic!("{error}") };
         assert!(!holders.is_empty(), "{error}");
+    }
+
+    #[test]
+    #[ignore = "it needs a Kinect"]
+    fn denied() {
+        let error = Live::open("kinect", &CameraConfig::default()).err().expect("it may not");
+        let SourceError::Device(DeviceError { problem: Problem::Denied { node }, .. }) = &error else { panic!("{error}") };
+        assert!(node.starts_with("/dev/bus/usb/001/"), "{error}");
     }
 
     #[test]

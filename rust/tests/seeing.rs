@@ -5,7 +5,7 @@ use physinc::detect::Detection;
 use physinc::engine::Engine;
 use physinc::geometry::camera::{Camera, DepthCode, KINECT_DISPARITY_LAW};
 use physinc::kinect::disparity::Packing;
-use physinc::seeing::{Band, Buffers, Image, Scope, SeeError, Seeing};
+use physinc::seeing::{Area, Band, Buffers, Image, Scope, SeeError, Seeing};
 use proptest::prelude::*;
 use std::ops::Range;
 
@@ -81,12 +81,13 @@ proptest! {
         images in prop::collection::vec(arbitrary_image(), 1..4),
         disparity: bool,
         radius in 0.02_f64..0.3,
-        first in 0_usize..60,
-        rows in 0_usize..40,
+        first in [0_usize..60, 0..80],
+        size in [0_usize..40, 0..80],
     ) {
         let camera = camera(disparity, 10.0);
         let object = ObjectConfig { radius: Radii::one(radius), ..ObjectConfig::default() };
-        let bands = [Band { rows: first..(first + rows).min(60), balls: 0 }];
+        let span = |i: usize, end: usize| first[i]..(first[i] + size[i]).min(end);
+        let bands = [Band { area: Area { rows: span(0, 60), columns: span(1, 80) }, balls: 0 }];
         let see = |bands| {
             let mut seeing = Seeing::new(&camera, &object, 1, Buffers::owned(camera.width, camera.height)).unwrap();
             let (mut detections, mut whole) = (heapless::Vec::new(), true);
@@ -120,6 +121,10 @@ fn packed_ball(column: f64, row: f64, seed: usize) -> Vec<u8> {
     packed
 }
 
+fn band(rows: Range<usize>, columns: Range<usize>, balls: usize) -> Band {
+    Band { area: Area { rows, columns }, balls }
+}
+
 #[test]
 fn a_band_shows_what_the_whole_image_shows_there() {
     let camera = Camera::from_config(&CameraConfig::default(), DepthCode::Disparity { law: KINECT_DISPARITY_LAW }).unwrap();
@@ -139,20 +144,30 @@ fn a_band_shows_what_the_whole_image_shows_there() {
     };
     let (all, _) = see(&[]);
     assert_eq!(all.len(), 1);
-    let mut narrow = 0;
+    let (mut narrow, columns) = (0, 280..340);
     for rows in (0..30).map(|margin| 232 - margin..258 + margin) {
-        let (detections, whole) = see(&[Band { rows: 0..20, balls: 0 }, Band { rows, balls: 1 }]);
+        let (detections, whole) = see(&[band(0..20, 0..640, 0), band(rows, columns.clone(), 1)]);
         assert_eq!(detections, all);
         narrow += u32::from(!whole);
     }
     // Where rows beyond the band count, the whole image was searched after all.
     assert!((10..30).contains(&narrow), "{narrow}");
-    let (detections, whole) = see(&[Band { rows: 200..300, balls: 2 }]);
+    // Columns are searched 32 at a time, and the ball is in 297 to 324.
+    for (columns, beyond) in [(288..352, false), (289..321, false), (288..320, true), (320..640, true)] {
+        let (detections, whole) = see(&[band(210..280, columns.clone(), 1)]);
+        assert_eq!((detections, whole), (all.clone(), beyond), "{columns:?}");
+    }
+    let (detections, whole) = see(&[band(200..300, columns.clone(), 2)]);
     assert!(whole && detections == all);
-    let (detections, whole) = see(&[Band { rows: 0..100, balls: 0 }]);
-    assert!(!whole && detections.is_empty());
+    for elsewhere in [band(0..100, columns.clone(), 0), band(200..300, 0..288, 0)] {
+        let (detections, whole) = see(&[elsewhere]);
+        assert!(!whole && detections.is_empty());
+    }
     for rows in [400..500, Range { start: 300, end: 200 }] {
-        assert_eq!(see(&[Band { rows, balls: 0 }]), (all.clone(), true), "no rows of the image");
+        assert_eq!(see(&[band(rows, columns.clone(), 0)]), (all.clone(), true), "no rows of the image");
+    }
+    for columns in [600..700, Range { start: 340, end: 280 }] {
+        assert_eq!(see(&[band(200..300, columns, 0)]), (all.clone(), true), "no columns of the image");
     }
 }
 

@@ -7,6 +7,7 @@ use physinc::kinect::command::{Command, CommandError, REPLY_SIZE, Reply, code};
 use physinc::kinect::disparity::Packing;
 use physinc::kinect::model::Model;
 use physinc::kinect::session::{Control, MOST_POLLS, Session, SessionError, Trouble};
+use physinc::kinect::video::Video;
 
 const PLANE: ZeroPlane = ZeroPlane { emitter_cm: 7.5, rcmos_cm: 2.3, reference_cm: 120.0, pixel_cm: 0.1042, shift: 200 };
 
@@ -83,7 +84,7 @@ fn failure(bend: Bend) -> (Trouble<&'static str>, String) {
 }
 
 #[test]
-fn opening_reads_the_calibration_and_depth_is_started_by_its_registers() {
+fn opening_reads_the_calibration_and_streams_are_started_by_their_registers() {
     let mut device = Scripted::new(|_, _| ());
     let (mut session, calibration) = Session::open(&mut device, Model::M1414, u16::MAX).expect("it answers");
     assert_eq!(calibration.zero_plane, Some(PLANE));
@@ -92,8 +93,13 @@ fn opening_reads_the_calibration_and_depth_is_started_by_its_registers() {
         ([0, 0, 0x41, 0x41, 0x41, 0x41, 0x41, 0x41], vec![0x40; 116])
     );
     session.start_depth(Packing::Eleven).expect("it answers");
-    session.stop_depth().expect("it answers");
-    assert_eq!(device.registers, [(0x105, 0), (6, 0), (0x12, 3), (0x13, 1), (0x14, 30), (6, 2), (0x17, 0), (6, 0)]);
+    session.start_video(Video::Color).expect("it answers");
+    session.start_video(Video::Infrared).expect("it answers");
+    session.stop().expect("it answers");
+    let depth = [(0x105, 0), (6, 0), (0x12, 3), (0x13, 1), (0x14, 30), (6, 2), (0x17, 0)];
+    let color = [(0x0c, 0), (0x0d, 1), (0x0e, 30), (5, 1), (0x47, 0)];
+    let infrared = [(0x19, 0), (0x1a, 1), (0x1b, 30), (0x105, 0), (5, 3), (0x48, 0)];
+    assert_eq!(device.registers, [&depth[..], &color, &infrared, &[(6, 0), (5, 0)]].concat());
 }
 
 #[test]

@@ -19,7 +19,7 @@ const SIGMAS: f64 = 4.0;
 const SURVEY_SD: f64 = 0.005;
 
 /// Pixels that are looked at together where nothing happens.
-const CHUNK: usize = 64;
+const CHUNK: usize = 128;
 
 /// What a pixel shows in place of its background: a key, and in how many looks.
 pub type Stranger = [u16; 2];
@@ -57,19 +57,20 @@ pub fn know<S: Sample>(coding: &Coding, z: f64, limit: &mut u16, shown: &mut u16
 }
 
 /// Looks at the pixels of one row for change. Small differences are followed by one key a look; what shows the same for long enough, and is
-/// in none of the columns that are `kept` out, becomes background.
+/// in none of the columns that are `kept` out, becomes background. `beyond` is [`first_key_beyond`].
 pub fn follow<S: Sample>(
     samples: &[S],
     coding: &Coding,
+    beyond: u16,
     limits: &mut [u16],
     shown: &mut [u16],
     strangers: &mut [Stranger],
     kept: &[Range<usize>],
 ) {
-    let beyond = first_key_beyond::<S>(coding);
     let chunks = samples.chunks(CHUNK).zip(limits.chunks_mut(CHUNK)).zip(shown.chunks_mut(CHUNK)).zip(strangers.chunks_mut(CHUNK));
     for (chunk, (((samples, limits), shown), strangers)) in chunks.enumerate() {
-        if kept.is_empty()
+        let first = chunk * CHUNK;
+        if !kept.iter().any(|columns| columns.start < first + CHUNK && columns.end > first)
             && widest(
                 #[inline(always)]
                 || drift(samples, coding, beyond, limits, shown, strangers),
@@ -79,7 +80,7 @@ pub fn follow<S: Sample>(
         }
         for (i, (((sample, limit), shown), stranger)) in samples.iter().zip(limits).zip(shown).zip(strangers).enumerate() {
             let key = sample.key(coding);
-            if key < beyond && !kept.iter().any(|columns| columns.contains(&(chunk * CHUNK + i))) {
+            if key < beyond && !kept.iter().any(|columns| columns.contains(&(first + i))) {
                 look::<S>(key, coding, limit, shown, stranger);
             }
         }
@@ -106,7 +107,7 @@ fn drift<S: Sample>(samples: &[S], coding: &Coding, beyond: u16, limits: &mut [u
         let key = sample.key(coding);
         calm & ((key >= beyond) | is_near(key, *limit, *shown))
     });
-    if !calm || strangers.iter().any(|stranger| *stranger != [0; 2]) {
+    if !calm || strangers.as_flattened().iter().fold(0, |any, part| any | part) != 0 {
         return false;
     }
     for ((sample, limit), shown) in samples.iter().zip(limits).zip(shown) {
@@ -152,7 +153,15 @@ mod tests {
         limit::<u16>(&coding, 15, &mut limit_, &mut shown);
         let look = |(sample, kept): (u16, bool)| {
             let columns = 0..usize::from(kept);
-            follow(&[sample], &coding, &mut limit_, &mut shown, &mut stranger, if kept { core::slice::from_ref(&columns) } else { &[] });
+            follow(
+                &[sample],
+                &coding,
+                first_key_beyond::<u16>(&coding),
+                &mut limit_,
+                &mut shown,
+                &mut stranger,
+                if kept { core::slice::from_ref(&columns) } else { &[] },
+            );
             limit_[0] + 1
         };
         looks.map(look).collect()

@@ -31,7 +31,9 @@ pub struct Linear<'p> {
 impl<'p> Linear<'p> {
     /// In five planes, of which all but the pixels' rows become 0.
     pub fn new(grid: &Grid, mut planes: [&'p mut Plane; 5]) -> Self {
-        planes.iter_mut().for_each(|plane| grid.clear_ends(plane, 0.0));
+        for plane in &mut planes {
+            grid.clear_ends(plane, 0.0);
+        }
         let [right, down, along, pattern, residual] = planes;
         Self { jacobian: [right, down, along, pattern], residual }
     }
@@ -41,19 +43,20 @@ impl<'p> Linear<'p> {
         self.jacobian.each_ref().map(|plane| &**plane)
     }
 
-    /// Fills the planes of `to`, of a thinned grid, with means over blocks of `stride` × `stride` pixels: over those that take part, where the third
+    /// Fills the planes of `to`, of a thinned grid, with means over blocks of `STRIDE` × `STRIDE` pixels: over those that take part, where the third
     /// plane of the jacobian is not 0.
     #[inline(always)]
-    pub fn thin(&self, grid: &Grid, stride: usize, to: &mut Linear, counts: &mut Plane) {
-        let thinned = grid.thinned(stride);
+    pub fn thin<const STRIDE: usize>(&self, grid: &Grid, to: &mut Linear, room: [&mut Plane; 2]) {
+        let [counts, row] = room;
+        let thinned = grid.thinned(STRIDE);
         let counts = counts.get_mut(thinned.pixels()).unwrap_or_default();
-        add_up(grid, &thinned, stride, self.jacobian[2], |along| if along == 0.0 { 0.0 } else { 1.0 }, counts);
+        add_up::<STRIDE>(grid, &thinned, self.jacobian[2], |along| if along == 0.0 { 0.0 } else { 1.0 }, row, counts);
         let [right, down, along, pattern] = self.planes();
         let [to_right, to_down, to_along, to_pattern] = to.jacobian.each_mut().map(|plane| &mut **plane);
         let pairs = [(right, to_right), (down, to_down), (along, to_along), (pattern, to_pattern), (&*self.residual, &mut *to.residual)];
         for (from, to) in pairs {
             let to = to.get_mut(thinned.pixels()).unwrap_or_default();
-            add_up(grid, &thinned, stride, from, |value| value, to);
+            add_up::<STRIDE>(grid, &thinned, from, |value| value, row, to);
             for (to, count) in to.iter_mut().zip(&*counts) {
                 *to = if *count == 0.0 { 0.0 } else { *to / count };
             }
@@ -61,18 +64,22 @@ impl<'p> Linear<'p> {
     }
 }
 
-/// Sums of what is made `of` each cell, over blocks of `stride` × `stride` pixels.
+/// Sums of what is made `of` each cell, over blocks of `STRIDE` × `STRIDE` pixels. `row` is room to work in.
 #[inline(always)]
-fn add_up(grid: &Grid, thinned: &Grid, stride: usize, from: &Plane, of: impl Fn(f32) -> f32, sums: &mut Plane) {
-    let rows = from.get(grid.pixels()).unwrap_or_default().chunks(stride * grid.width());
+fn add_up<const STRIDE: usize>(grid: &Grid, thinned: &Grid, from: &Plane, of: impl Fn(f32) -> f32, row: &mut Plane, sums: &mut Plane) {
+    let width = grid.width();
+    let rows = from.get(grid.pixels()).unwrap_or_default().chunks(STRIDE * width);
+    let down = row.get_mut(..width).unwrap_or_default();
     for (rows, sums) in rows.zip(sums.chunks_exact_mut(thinned.width())) {
-        sums.fill(0.0);
-        for row in rows.chunks_exact(grid.width()) {
-            for (values, sum) in row.chunks_exact(stride).zip(sums.iter_mut().take(thinned.columns)) {
-                for value in values {
-                    *sum += of(*value);
-                }
+        down.fill(0.0);
+        for row in rows.chunks_exact(width) {
+            for (value, sum) in row.iter().zip(&mut *down) {
+                *sum += of(*value);
             }
+        }
+        sums.fill(0.0);
+        for (values, sum) in down.as_chunks::<STRIDE>().0.iter().zip(sums) {
+            *sum = values.iter().sum();
         }
     }
 }
@@ -105,14 +112,19 @@ struct Rings {
 
 impl<S: Sample> View<'_, S> {
     /// Fills a plane with the depths that the image shows as foreground, less that of `center`; infinite where it shows none.
+    #[inline(always)]
     pub fn read(&self, patch: &Patch, center: &Vec3, readings: &mut Plane) {
         let grid = &patch.grid;
         let rows = readings.get_mut(grid.pixels()).unwrap_or_default().chunks_exact_mut(grid.width()).enumerate();
-        for (y, row) in rows {
-            let (column, row_in_image) = patch.pixel(0, y);
-            let first = row_in_image * self.camera.width + column;
-            for (x, reading) in row.iter_mut().enumerate() {
-                let shown = if x < grid.columns { self.frame.foreground(first + x * patch.stride) } else { None };
+        for (y, readings) in rows {
+            let (first, row) = patch.pixel(0, y);
+            let last = patch.pixel(grid.columns.saturating_sub(1), y).0;
+            let (samples, limits) = self.frame.row(row, first..last + 1).unwrap_or_default();
+            for (x, reading) in readings.iter_mut().enumerate() {
+                let shown = match (samples.get(x * patch.stride), limits.get(x * patch.stride)) {
+                    (Some(sample), Some(limit)) => self.frame.shown(*sample, *limit),
+                    _ => None,
+                };
                 *reading = shown.map_or(f32::INFINITY, |z| (z - center.z) as f32);
             }
         }
@@ -243,18 +255,20 @@ impl<S: Sample> View<'_, S> {
         }
     }
 
-    /// Whether no pixel near the ball can't tell where its edge is.
+    /// Whether every pixel near the ball can tell where its edge is.
+    #[inline(always)]
     fn is_clear(&self, patch: &Patch, keys: [u16; 2]) -> bool {
         let margin = BAND as usize;
         let reach = |pixels: usize| (pixels - 1) * patch.stride + 1 + 2 * margin;
         let (Some(left), Some(top)) = (patch.left.checked_sub(margin), patch.top.checked_sub(margin)) else { return false };
         let (columns, rows) = (left..left + reach(patch.grid.columns), top..top + reach(patch.grid.rows));
-        columns.end <= self.camera.width
-            && rows.end <= self.camera.height
-            && rows.into_iter().all(|row| {
-                let first = row * self.camera.width;
-                !self.frame.may_hide(first + columns.start..first + columns.end, keys[0], keys[1])
-            })
+        columns.end <= self.camera.width && rows.end <= self.camera.height && self.frame.missing.is_empty() && {
+            let mut clear = true;
+            for row in rows {
+                clear &= !self.frame.may_hide(row, columns.clone(), keys[0], keys[1]);
+            }
+            clear
+        }
     }
 
     /// Takes out of the outline what can't tell where the ball's edge is. What hides a pixel takes its mirror image too, or else what is left
@@ -286,7 +300,7 @@ impl<S: Sample> View<'_, S> {
     /// too near.
     fn blind(&self, column: f64, row: f64, [before, behind]: [u16; 2]) -> bool {
         let inside = column >= 0.0 && row >= 0.0 && column < self.camera.width as f64 && row < self.camera.height as f64;
-        !inside || self.frame.hides(row as usize * self.camera.width + column as usize, before, behind)
+        !inside || self.frame.hides(column as usize, row as usize, before, behind)
     }
 }
 

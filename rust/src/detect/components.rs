@@ -2,26 +2,39 @@
 
 use super::foreground::{Coding, Frame, Sample};
 use super::noise::Noise;
+use crate::simd::widest;
 use core::ops::Range;
 
 /// Pixels looked at together where most show nothing.
-const CHUNK: usize = 32;
+pub const CHUNK: usize = 32;
 
-/// The chunks of a row that show foreground, a bit each.
+/// Whether a row was looked at, and the chunks of it that show foreground, a bit each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Marks(u64);
+pub struct Marks {
+    /// Where nobody looked, nothing is marked.
+    pub looked_at: bool,
+    chunks: u64,
+}
 
 impl Marks {
-    /// Looks at a row, for [`crate::simd::widest`].
+    /// Looks at `columns` of a row of `width`, for [`crate::simd::widest`]; `samples` and `limits` are those columns', which begin with a
+    /// multiple of [`CHUNK`].
     #[inline(always)]
     #[allow(clippy::inline_always)] // So that it is compiled for its caller's registers.
-    pub fn of<S: Sample>(samples: &[S], limits: &[u16], coding: &Coding) -> Self {
+    pub fn of<S: Sample>(samples: &[S], limits: &[u16], first_column: usize, width: usize, coding: &Coding) -> Self {
         let (chunks, rest) = samples.as_chunks::<CHUNK>();
         let (limit_chunks, limit_rest) = limits.as_chunks::<CHUNK>();
-        let shift = Self::shift(samples.len().div_ceil(CHUNK));
+        let (shift, first) = (Self::shift(width.div_ceil(CHUNK)), first_column / CHUNK);
         let whole = chunks.iter().zip(limit_chunks).enumerate();
-        let marks = whole.fold(0, |marks, (i, (samples, limits))| marks | u64::from(any_below(samples, limits, coding)) << (i >> shift));
-        Self(marks | u64::from(any_below(rest, limit_rest, coding)) << (chunks.len() >> shift).min(63))
+        let marks =
+            whole.fold(0, |marks, (i, (samples, limits))| marks | u64::from(any_below(samples, limits, coding)) << ((first + i) >> shift));
+        let marks = marks | u64::from(any_below(rest, limit_rest, coding)) << ((first + chunks.len()) >> shift).min(63);
+        Self { looked_at: true, chunks: marks }
+    }
+
+    /// Whether the row shows no foreground.
+    pub fn is_empty(self) -> bool {
+        self.chunks == 0
     }
 
     /// Log2 of the chunks to a bit, in a row of so many.
@@ -30,14 +43,16 @@ impl Marks {
     }
 
     /// The columns of marked chunks, of `width`, from left to right.
-    fn columns(self, width: usize) -> impl Iterator<Item = Range<usize>> {
-        let pixels = CHUNK << Self::shift(width.div_ceil(CHUNK));
-        let mut left = self.0;
-        core::iter::from_fn(move || {
-            let chunk = left.trailing_zeros() as usize;
+    fn chunks(self, width: usize) -> impl Iterator<Item = Range<usize>> {
+        let shift = Self::shift(width.div_ceil(CHUNK));
+        let mut left = self.chunks;
+        let marked = core::iter::from_fn(move || {
+            let bit = left.trailing_zeros() as usize;
             left &= left.checked_sub(1)?;
-            Some(chunk * pixels..((chunk + 1) * pixels).min(width))
-        })
+            Some(bit)
+        });
+        let chunks = marked.flat_map(move |bit| bit << shift..(bit + 1) << shift);
+        chunks.map(move |chunk| chunk * CHUNK..((chunk + 1) * CHUNK).min(width)).filter(|chunk| !chunk.is_empty())
     }
 }
 
@@ -107,30 +122,68 @@ pub fn connect<S: Sample>(
     noise: Noise,
     runs: &mut [Run],
 ) -> Result<usize, Cluttered> {
-    let one = |a: f64, b: f64| (a - b).abs() < jump + 4.0 * noise.axial(a.min(b));
-    let joined = |index: usize, other: usize| matches!((frame.foreground(index), frame.foreground(other)), (Some(a), Some(b)) if one(a, b));
+    let one = |a: f64, b: f64| {
+        let difference = (a - b).abs();
+        difference < jump || difference < jump + 4.0 * noise.axial(a.min(b))
+    };
+    let joined = |column, row: usize| {
+        let depths = (frame.foreground(column, row), frame.foreground(column, row - 1));
+        matches!(depths, (Some(a), Some(b)) if one(a, b))
+    };
     let (mut above, mut count) = (0..0, 0);
     for (row, marks) in (first_row..).zip(marks) {
         let first = count;
-        let mut open: Option<(usize, usize, f64)> = None;
-        for column in marks.columns(width).flatten() {
-            let Some(z) = frame.foreground(row * width + column) else { continue };
-            match open {
-                Some((run, before, last)) if before + 1 == column && one(z, last) => {
-                    runs.get_mut(run).ok_or(Cluttered)?.push(column, row, z);
-                    open = Some((run, column, z));
-                }
-                _ => {
-                    *runs.get_mut(count).ok_or(Cluttered)? = Run::new(count, column, row, z);
-                    open = Some((count, column, z));
-                    count += 1;
+        if marks.is_empty() {
+            above = first..first;
+            continue;
+        }
+        let mut open: Option<(Run, f64)> = None;
+        let mut close = |run: Run| {
+            *runs.get_mut(count).ok_or(Cluttered)? = Run { parent: count as u32, ..run };
+            count += 1;
+            Ok(())
+        };
+        for chunk in marks.chunks(width) {
+            let Some((samples, limits)) = frame.row(row, chunk.clone()) else { continue };
+            let mut left = widest(
+                #[inline(always)]
+                || shown(samples, limits, &frame.coding),
+            );
+            while left != 0 {
+                let bit = left.trailing_zeros() as usize;
+                left &= left - 1;
+                let column = chunk.start + bit;
+                let Some(z) = samples.get(bit).map(|sample| sample.depth(&frame.coding, frame.depths)).filter(|z| *z > 0.0) else {
+                    continue;
+                };
+                match &mut open {
+                    Some((run, last)) if usize::from(run.end) == column && one(z, *last) => {
+                        run.push(column, row, z);
+                        *last = z;
+                    }
+                    _ => {
+                        if let Some((run, _)) = open.replace((Run::new(column, row, z), z)) {
+                            close(run)?;
+                        }
+                    }
                 }
             }
         }
-        join_rows(runs, above, first..count, |column| joined(row * width + column, (row - 1) * width + column));
+        if let Some((run, _)) = open {
+            close(run)?;
+        }
+        join_rows(runs, above, first..count, |column| joined(column, row));
         above = first..count;
     }
     Ok(count)
+}
+
+/// Which of up to 32 pixels are foreground, a bit each.
+#[inline(always)]
+#[allow(clippy::inline_always)]
+fn shown<S: Sample>(samples: &[S], limits: &[u16], coding: &Coding) -> u32 {
+    let below = samples.iter().zip(limits).map(|(sample, limit)| sample.key(coding) < *limit);
+    (0_u32..32).zip(below).fold(0, |shown, (i, below)| shown | u32::from(below) << i)
 }
 
 /// Joins each run of a row with those above it that it touches.
@@ -171,7 +224,7 @@ fn unite(runs: &mut [Run], a: usize, b: usize) {
 }
 
 impl Run {
-    fn new(index: usize, column: usize, row: usize, z: f64) -> Self {
+    fn new(column: usize, row: usize, z: f64) -> Self {
         let (column, row) = (column as u16, row as u16);
         let component = Component {
             pixels: 1,
@@ -181,7 +234,7 @@ impl Run {
             row_sum: f32::from(row),
             depth_sum: z as f32,
         };
-        Self { row, start: column, end: column + 1, parent: index as u32, component }
+        Self { row, start: column, end: column + 1, parent: 0, component }
     }
 
     fn push(&mut self, column: usize, row: usize, z: f64) {

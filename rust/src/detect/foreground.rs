@@ -1,5 +1,6 @@
 //! What was not there before: samples as keys that grow with depth, and the depth of the scene without the ball.
 
+use super::components::Marks;
 use crate::geometry::camera::{Camera, DepthCode, NO_DISPARITY};
 use core::cell::Cell;
 use core::ops::Range;
@@ -118,13 +119,26 @@ fn first_key(is: impl Fn(u16) -> bool) -> u16 {
     low
 }
 
+/// A rectangle of an image.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Area {
+    /// Its rows.
+    pub rows: Range<usize>,
+    /// Its columns.
+    pub columns: Range<usize>,
+}
+
 /// One image, read pixel by pixel. What lies at or beyond its limit is background.
 pub struct Frame<'f, S> {
-    /// The samples that are at hand, row by row.
+    /// The samples, row by row.
     pub samples: &'f [S],
-    /// Index of the first of them in the image.
-    pub first: usize,
-    /// Whether one was asked for that is not at hand.
+    /// Columns of the image.
+    pub width: usize,
+    /// Where samples are at hand,
+    pub at_hand: Area,
+    /// and in which of its rows.
+    pub marks: &'f [Marks],
+    /// Whether one was asked for that is not.
     pub asked_beyond: Cell<bool>,
     /// For each pixel of the image, the first key that is background.
     pub limits: &'f [u16],
@@ -138,37 +152,58 @@ pub struct Frame<'f, S> {
 
 impl<S: Sample> Frame<'_, S> {
     #[inline]
-    fn sample(&self, index: usize) -> Option<S> {
-        let sample = self.samples.get(index.wrapping_sub(self.first));
-        if sample.is_none() {
-            self.asked_beyond.set(true);
-        }
-        sample.copied()
+    fn sample(&self, column: usize, row: usize) -> Option<S> {
+        self.row(row, column..column + 1)?.0.first().copied()
     }
 
-    /// Depth of the foreground at pixel `index`, m.
+    /// Samples side by side, and their limits; `None` where they are not at hand.
     #[inline]
-    pub fn foreground(&self, index: usize) -> Option<f64> {
-        let (sample, limit) = (self.sample(index)?, *self.limits.get(index)?);
+    pub fn row(&self, row: usize, columns: Range<usize>) -> Option<(&[S], &[u16])> {
+        let Area { rows, columns: within } = &self.at_hand;
+        let looked_at = row.checked_sub(rows.start).and_then(|row| self.marks.get(row)).is_some_and(|marks| marks.looked_at);
+        if !looked_at || columns.start < within.start || columns.end > within.end {
+            self.asked_beyond.set(true);
+            return None;
+        }
+        let pixels = row * self.width + columns.start..row * self.width + columns.end;
+        Some((self.samples.get(pixels.clone())?, self.limits.get(pixels)?))
+    }
+
+    /// Depth of the foreground at a pixel, m.
+    #[inline]
+    pub fn foreground(&self, column: usize, row: usize) -> Option<f64> {
+        let (samples, limits) = self.row(row, column..column + 1)?;
+        self.shown(*samples.first()?, *limits.first()?)
+    }
+
+    /// Depth of a sample, m, if it is before its limit.
+    #[inline]
+    pub fn shown(&self, sample: S, limit: u16) -> Option<f64> {
         (sample.key(&self.coding) < limit).then(|| sample.depth(&self.coding, self.depths)).filter(|z| *z > 0.0)
     }
 
-    /// Whether pixel `index` shows something before the key `before`, or something that begins before the key `behind` would be background there.
+    /// Whether a pixel shows something before the key `before`, or something that begins before the key `behind` would be background there.
     #[inline]
-    pub fn hides(&self, index: usize, before: u16, behind: u16) -> bool {
+    pub fn hides(&self, column: usize, row: usize, before: u16, behind: u16) -> bool {
+        let index = row * self.width + column;
         self.is_missing(index)
             || self.limits.get(index).is_some_and(|limit| *limit < behind)
-            || self.sample(index).is_some_and(|sample| sample.key(&self.coding) < before)
+            || self.sample(column, row).is_some_and(|sample| sample.key(&self.coding) < before)
     }
 
     /// Whether [`Frame::hides`] may hold of any of these pixels, which are side by side.
-    #[inline]
-    pub fn may_hide(&self, pixels: Range<usize>, before: u16, behind: u16) -> bool {
-        let at_hand = pixels.start.wrapping_sub(self.first)..pixels.end.wrapping_sub(self.first);
-        let (Some(samples), Some(limits)) = (self.samples.get(at_hand), self.limits.get(pixels)) else { return true };
+    #[inline(always)]
+    #[allow(clippy::inline_always)] // So that it is compiled for its caller's registers.
+    pub fn may_hide(&self, row: usize, columns: Range<usize>, before: u16, behind: u16) -> bool {
+        let asked = self.asked_beyond.get();
+        let Some((samples, limits)) = self.row(row, columns) else {
+            // None of them may be needed.
+            self.asked_beyond.set(asked);
+            return true;
+        };
         let nearest = samples.iter().fold(NO_KEY, |nearest, sample| nearest.min(sample.key(&self.coding)));
         let limit = limits.iter().fold(NO_KEY, |nearest, limit| nearest.min(*limit));
-        !self.missing.is_empty() || nearest < before || limit < behind
+        nearest < before || limit < behind
     }
 
     #[inline]

@@ -133,14 +133,6 @@ impl<C: Control> Session<C> {
         self.write(&[(0x105, 0), (0x06, 0), (0x12, format), (0x13, 1), (0x14, 30), (0x06, 2), (0x17, 0)])
     }
 
-    /// Lets no more depth flow.
-    ///
-    /// # Errors
-    /// The command failed.
-    pub fn stop_depth(&mut self) -> Result<(), SessionError<C::Error>> {
-        self.write(&[(0x06, 0)])
-    }
-
     /// Lets video flow, 30 images a second. Whoever wants all of it has its transfers submitted before.
     ///
     /// # Errors
@@ -152,12 +144,12 @@ impl<C: Control> Session<C> {
         })
     }
 
-    /// Lets no more video flow.
+    /// Lets nothing flow any more, depth nor video.
     ///
     /// # Errors
-    /// The command failed.
-    pub fn stop_video(&mut self) -> Result<(), SessionError<C::Error>> {
-        self.write(&[(0x05, 0)])
+    /// The first command that failed.
+    pub fn stop(&mut self) -> Result<(), SessionError<C::Error>> {
+        self.write(&[(0x06, 0), (0x05, 0)])
     }
 
     /// Writes each register its value.

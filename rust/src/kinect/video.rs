@@ -44,7 +44,9 @@ impl Video {
     pub fn unpack(self, packed: &[u8], samples: &mut [u16]) -> Result<(), PackingError> {
         match self {
             Self::Color if packed.len() == samples.len() => {
-                samples.iter_mut().zip(packed).for_each(|(sample, byte)| *sample = (*byte).into());
+                for (sample, byte) in samples.iter_mut().zip(packed) {
+                    *sample = (*byte).into();
+                }
                 Ok(())
             }
             Self::Color => Err(PackingError { bytes: packed.len(), samples: samples.len() }),

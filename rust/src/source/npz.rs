@@ -190,7 +190,8 @@ impl Entry {
                 return Err(format!("its recording was cut off, and it begins with {:?} instead of frames", String::from_utf8_lossy(name)));
             }
         };
-        let content = Box::new(BufReader::new(DeflateDecoder::new(BufReader::new(file))));
+        // Nothing is unpacked before it is asked for: what follows the last whole frame may be no stream at all.
+        let content = Box::new(DeflateDecoder::new(BufReader::new(file)));
         Ok((key, Self::read_from(key, content, TypeChar::Uint, 2)?))
     }
 

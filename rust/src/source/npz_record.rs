@@ -203,6 +203,7 @@ mod tests {
         let camera = Camera::from_config(&keys(), DepthCode::Disparity { law: [3.0, -0.003] }).unwrap();
         let mut file = NpzFile::create(&out, &camera).unwrap();
         let expected: Vec<_> = (0..8).map(frame).collect();
+        let head = file.layout().head().len();
         let mut before = (std::fs::read(&out).unwrap(), Vec::new());
         for (i, (timestamp_ns, samples)) in expected.iter().enumerate() {
             file.write(*timestamp_ns, samples).unwrap();
@@ -212,11 +213,11 @@ mod tests {
             }
             // Cut off at any byte of what was written: at the old end, then at the beginning, then in the journal.
             let (whole, settled) = (folder.join("cut.npz"), before.1.len() / 8);
-            let start = before.0.iter().zip(&after.0).skip(400).position(|(a, b)| a != b).map_or(before.0.len(), |at| at + 400);
+            let start = before.0.iter().zip(&after.0).skip(head).position(|(a, b)| a != b).map_or(before.0.len(), |at| at + head);
             for cut in (start..=after.0.len()).step_by(61) {
                 let mut mixed = after.0[..cut].to_vec();
                 mixed.extend(before.0.iter().skip(cut));
-                mixed[..400].copy_from_slice(&before.0[..400]);
+                mixed[..head].copy_from_slice(&before.0[..head]);
                 std::fs::write(&whole, &mixed).unwrap();
                 std::fs::write(journal(&whole), &before.1).unwrap();
                 assert_eq!(read(&whole), (expected[..settled].to_vec(), 1), "frame {i}, byte {cut}");

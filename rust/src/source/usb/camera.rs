@@ -72,7 +72,9 @@ impl OpenCamera {
         };
         // Its milliseconds are another tag than last time's, as a rule.
         let tag = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |now| now.as_millis() as u16);
-        let (session, calibration) = Session::open(Wire(Arc::clone(&handle)), attached.model(), tag).map_err(confused)?;
+        let (mut session, calibration) = Session::open(Wire(Arc::clone(&handle)), attached.model(), tag).map_err(confused)?;
+        // A program that was killed may have left them on.
+        session.stop().map_err(confused)?;
         let ring = |endpoint| {
             let mut ring = Ring::new(Arc::clone(&handle), endpoint, wanted.transfers, wanted.packets, SLOT)?;
             ring.submit().map(|()| ring)
@@ -92,8 +94,6 @@ impl OpenCamera {
 impl Drop for OpenCamera {
     fn drop(&mut self) {
         // One that is gone, or doesn't answer, can't be stopped.
-        if self.session.stop_depth().is_ok() && self.video.is_some() {
-            let _ = self.session.stop_video();
-        }
+        let _ = self.session.stop();
     }
 }

@@ -117,7 +117,9 @@ impl Context {
         #[allow(clippy::cast_lossless)] // They differ from system to system.
         let patience = libc::timeval { tv_sec: patience.as_secs() as libc::time_t, tv_usec: patience.subsec_micros() as libc::suseconds_t };
         // SAFETY: the context is alive; callbacks are called on this thread, by which no queue is borrowed.
-        check(unsafe { c::libusb_handle_events_timeout_completed(self.0.as_ptr(), &raw const patience, ptr::null_mut()) }).map(drop)
+        let code = unsafe { c::libusb_handle_events_timeout_completed(self.0.as_ptr(), &raw const patience, ptr::null_mut()) };
+        // A signal is whatever program's business.
+        if code == k::LIBUSB_ERROR_INTERRUPTED { Ok(()) } else { check(code).map(drop) }
     }
 }
 
