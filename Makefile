@@ -2,6 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 SOURCES := $(shell find rust/src -name '*.rs') Cargo.toml Cargo.lock pyproject.toml
+TARGET := $(abspath $(or $(CARGO_TARGET_DIR),target))
 EXTENSION = $(shell sed -n 's/^module-name = "\(.*\)"/\1/p' pyproject.toml)
 
 export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
@@ -13,7 +14,7 @@ export PIP_QUIET := 1
 export PROPTEST_RNG_SEED ?= 2017
 unexport CONDA_PREFIX PYTHONPATH PYTHONHOME
 
-.PHONY: help demo recordings test test-rust test-python aarch64 bench measures fuzz lint format clean
+.PHONY: help demo recordings test test-rust test-python virtual test-usb-kernel aarch64 bench measures fuzz lint format clean
 
 help:  ## what can be made
 	@sed -n 's/^\([a-z0-9-]*\):[^#]*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 20
@@ -26,12 +27,18 @@ recordings:  ## make the packaged demo and fixtures/ anew, byte for byte
 
 test: test-rust test-python  ## every test, Rust's and Python's
 
-test-rust:
-	cargo test --locked
+test-rust: virtual
+	VIRTUAL_KINECT=$(TARGET)/release/virtual-kinect cargo test --locked --features usb
 	cargo test --locked --release --test instructions
 
 test-python: .venv/.installed
 	python -m pytest
+
+virtual:  ## target/release/virtual-kinect, which runs a program beside a Kinect that isn't there
+	cargo build --release --locked --manifest-path rust/virtual/Cargo.toml --target-dir $(TARGET)
+
+test-usb-kernel: .venv/.installed virtual  ## the driver on a real kernel's usbfs, in a guest of QEMU (what it needs: tests/usb_kernel/run)
+	tests/usb_kernel/run
 
 aarch64:  ## the library on aarch64 under qemu-user: tests, instructions a frame (what it needs: rust/tests/aarch64/count)
 	rust/tests/aarch64/count
@@ -52,9 +59,11 @@ lint: .venv/.installed  ## formats, clippy, ruff, mypy and stubtest; warnings ar
 	cargo fmt --check
 	cargo fmt --check --manifest-path rust/nostd/Cargo.toml
 	cargo fmt --check --manifest-path rust/fuzz/Cargo.toml
-	cargo clippy --locked --all-targets -- -D warnings
+	cargo fmt --check --manifest-path rust/virtual/Cargo.toml
+	cargo clippy --locked --all-targets --features usb -- -D warnings
 	cargo clippy --locked --lib --no-default-features -- -D warnings
 	cargo clippy --locked --lib --features python -- -D warnings
+	cargo clippy --locked --manifest-path rust/virtual/Cargo.toml --target-dir $(TARGET) -- -D warnings
 	ruff check
 	ruff format --check
 	mypy

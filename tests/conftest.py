@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fake_bus import attach  # noqa: F401 - a fixture
 from hypothesis import settings
 from numpy.typing import NDArray
+from virtual_kinect import virtual_kinect  # noqa: F401 - a fixture
 
 GRAVITY = 9.81
 

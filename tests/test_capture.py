@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import gzip
 import os
@@ -250,23 +249,3 @@ def test_faults_are_recorded_like_anything_else(capture: Path, tmp_path: Path) -
     source, out = f"{capture}?lose=0.02&double=0.01&foreign=0.01&late=0.01&seed=1", tmp_path / "out.pcapng.zst"
     assert main(["record", source, str(out)]) == 0
     assert events(out) == events(source)
-
-
-@pytest.mark.parametrize("name", ["out.pcapng", "out.pcapng.gz", "out.pcapng.zst"])
-def test_a_killed_recording_is_read_up_to_its_last_second(tmp_path: Path, name: str) -> None:
-    out, pipe = tmp_path / name, tmp_path / "live.pcap"
-    os.mkfifo(pipe)
-    command = [sys.executable, "-c", "import sys; from physinc.cli import main; sys.exit(main())", "record", str(pipe), str(out)]
-    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as recorder, pipe.open("wb") as live:
-        live.write(usbmon(tmp_path / "sent.pcap", demo(75)).read_bytes())
-        live.flush()
-        # It is still listening; what came 2.5 s long is flushed at least twice.
-        size, deadline = -1, time.monotonic() + 60
-        while time.monotonic() < deadline and not (out.exists() and out.stat().st_size == size > 0):
-            size = out.stat().st_size if out.exists() else -1
-            time.sleep(0.5)
-        recorder.kill()
-    stream = physinc.stream(out)
-    with contextlib.suppress(physinc.RecordingError):
-        list(stream)
-    assert stream.stats.frames >= 60

@@ -15,6 +15,7 @@ import pytest
 from conftest import frames, trajectory
 
 import physinc
+from physinc.cli import main
 
 
 def flight() -> Iterator[physinc.Position]:
@@ -196,7 +197,8 @@ def test_stopping_early_ends_the_thread(csv: Path) -> None:
 
 def test_an_interrupted_stream_tells_its_end(csv: Path) -> None:
     for source in (csv, flight()):
-        stream = physinc.stream(source)
+        # With positions there is more to tell than is read ahead.
+        stream = physinc.stream(source, positions=True)
         next(stream)
         stream.interrupt()
         last = list(stream)[-1]
@@ -229,9 +231,38 @@ def test_a_timeout_that_cannot_be(timeout: float) -> None:
         physinc.stream("demo", timeout=timeout)
 
 
-def test_images_are_refused_until_they_are_there() -> None:
-    with pytest.raises(physinc.ConfigError, match="frames"):
-        physinc.stream("demo", frames=True)
+def newest(stream: physinc.Stream) -> physinc.Frame:
+    """Its newest image, after its end."""
+    list(stream)
+    assert stream.frame is not None
+    return stream.frame
+
+
+def test_images_are_those_that_were_sent() -> None:
+    arrays = frames()
+    stamps, depth = arrays["timestamps_ns"], arrays["depth_mm"] + np.arange(5, dtype=np.uint16)[:, None, None]
+    depth[:, 0, 0] = 0
+    for kind in (depth, np.where(depth == 0, np.nan, depth / 1000).astype(np.float32)):
+        frame = newest(physinc.stream(zip(stamps, kind, strict=True), frames=True))
+        assert (frame.frame, frame.timestamp_ns, frame.disparity) == (4, stamps[4], None)
+        np.testing.assert_array_equal(frame.depth_mm, depth[4])
+        assert frame.depth_mm is not frame.depth_mm
+
+
+def test_images_of_packets_are_disparity(tmp_path: Path) -> None:
+    capture, arrays = tmp_path / "packets.pcapng", tmp_path / "frames.npz"
+    assert main(["record", "sim:room?packets=true", str(capture), "--frames", "3"]) == 0
+    assert main(["record", str(capture), str(arrays)]) == 0
+    frame = newest(physinc.stream(capture, frames=True))
+    disparity = np.load(arrays)["disparity"][frame.frame]
+    np.testing.assert_array_equal(frame.disparity, disparity)
+    np.testing.assert_array_equal(frame.depth_mm > 0, disparity < 2047)
+    assert 1000 < np.median(frame.depth_mm[frame.depth_mm > 0]) < 4000
+
+
+def test_images_that_nobody_asked_for() -> None:
+    with pytest.raises(ValueError, match=r"frames=True"):
+        _ = physinc.stream("demo").frame
 
 
 def test_other_threads_run_while_a_stream_works() -> None:

@@ -15,12 +15,16 @@ __all__ = [
     "Contact",
     "ContactFit",
     "Counters",
+    "Disconnected",
     "FlightFit",
+    "Frame",
     "Gap",
     "Inconsistencies",
     "Inconsistency",
+    "LevelDisagreement",
     "PlaneFit",
     "Position",
+    "Reconnected",
     "Recording",
     "SphereFit",
     "Stream",
@@ -30,6 +34,7 @@ __all__ = [
     "Track",
     "TrackEnded",
     "TrackStarted",
+    "VideoFrame",
     "__version__",
     "accelerations",
     "dump_config",
@@ -493,6 +498,49 @@ class CameraOrientation:
     def __reduce__(self) -> tuple[Any, tuple[str]]: ...
 
 @final
+class LevelDisagreement:
+    """Flights show that the accelerometer's level, `gravity_in_camera` of the configuration, is off. Told once in a stream."""
+
+    __match_args__ = ("gravity_in_camera", "gravity_by_accelerometer", "angle", "sd", "p_value", "flights")
+    @property
+    def event(self) -> Literal["level_disagreement"]:
+        """The event's name."""
+    @property
+    def timestamp_ns(self) -> int:
+        """Stamp of the newest input that it used, ns on the stream's clock."""
+    @property
+    def track(self) -> int | None:
+        """The track, from 1; None where none or all."""
+    @property
+    def final(self) -> bool:
+        """Nothing will replace it."""
+    @property
+    def gravity_in_camera(self) -> _Array:
+        """As the flights show it, camera frame, m/s²."""
+    @property
+    def gravity_by_accelerometer(self) -> _Array:
+        """As the accelerometer tells it, camera frame, m/s²."""
+    @property
+    def angle(self) -> float:
+        """Between the two, rad."""
+    @property
+    def sd(self) -> float:
+        """Standard deviation of `angle` if the two were one, rad: the flights' own, and 0.5° of an accelerometer that is right."""
+    @property
+    def p_value(self) -> float:
+        """Probability of such an angle then."""
+    @property
+    def flights(self) -> int:
+        """Flights that it rests on."""
+    def to_dict(self) -> dict[str, Any]:
+        """As plain Python values, the same as in JSON."""
+    def to_json(self) -> str:
+        """As one line of JSON."""
+    def __eq__(self, other: object, /) -> bool: ...
+    def __hash__(self) -> int: ...
+    def __reduce__(self) -> tuple[Any, tuple[str]]: ...
+
+@final
 class Gap:
     """Input is missing."""
 
@@ -536,6 +584,62 @@ class Gap:
     def __reduce__(self) -> tuple[Any, tuple[str]]: ...
 
 @final
+class Disconnected:
+    """The device is gone."""
+
+    __match_args__ = ("reason",)
+    @property
+    def event(self) -> Literal["disconnected"]:
+        """The event's name."""
+    @property
+    def timestamp_ns(self) -> int:
+        """Stamp of the newest input that it used, ns on the stream's clock."""
+    @property
+    def track(self) -> int | None:
+        """The track, from 1; None where none or all."""
+    @property
+    def final(self) -> bool:
+        """Nothing will replace it."""
+    @property
+    def reason(self) -> Literal["unplugged", "usb_error"]:
+        """Why."""
+    def to_dict(self) -> dict[str, Any]:
+        """As plain Python values, the same as in JSON."""
+    def to_json(self) -> str:
+        """As one line of JSON."""
+    def __eq__(self, other: object, /) -> bool: ...
+    def __hash__(self) -> int: ...
+    def __reduce__(self) -> tuple[Any, tuple[str]]: ...
+
+@final
+class Reconnected:
+    """The device is back, and the stream goes on."""
+
+    __match_args__ = ("reason",)
+    @property
+    def event(self) -> Literal["reconnected"]:
+        """The event's name."""
+    @property
+    def timestamp_ns(self) -> int:
+        """Stamp of the newest input that it used, ns on the stream's clock."""
+    @property
+    def track(self) -> int | None:
+        """The track, from 1; None where none or all."""
+    @property
+    def final(self) -> bool:
+        """Nothing will replace it."""
+    @property
+    def reason(self) -> Literal["same_serial", "same_port"]:
+        """By what it was recognised."""
+    def to_dict(self) -> dict[str, Any]:
+        """As plain Python values, the same as in JSON."""
+    def to_json(self) -> str:
+        """As one line of JSON."""
+    def __eq__(self, other: object, /) -> bool: ...
+    def __hash__(self) -> int: ...
+    def __reduce__(self) -> tuple[Any, tuple[str]]: ...
+
+@final
 class StreamEnded:
     """The stream is over."""
 
@@ -567,7 +671,19 @@ class StreamEnded:
     def __reduce__(self) -> tuple[Any, tuple[str]]: ...
 
 _Event: TypeAlias = (
-    StreamStarted | Position | TrackStarted | TrackEnded | Inconsistency | Contact | Surface | CameraOrientation | Gap | StreamEnded
+    StreamStarted
+    | Position
+    | TrackStarted
+    | TrackEnded
+    | Inconsistency
+    | Contact
+    | Surface
+    | CameraOrientation
+    | LevelDisagreement
+    | Gap
+    | Disconnected
+    | Reconnected
+    | StreamEnded
 )
 
 @final
@@ -582,6 +698,43 @@ class Track:
 
         `t` is in seconds on the stream's clock, `timestamp_ns` the same in ns.
         """
+
+@final
+class Frame:
+    """A depth image, copied: it stays as it is."""
+
+    @property
+    def timestamp_ns(self) -> int:
+        """Its stamp, ns on the stream's clock."""
+    @property
+    def frame(self) -> int:
+        """Its index as delivered, from 0."""
+    @property
+    def depth_mm(self) -> NDArray[np.uint16]:
+        """Depth [H, W], mm; 0 where there is no reading."""
+    @property
+    def disparity(self) -> NDArray[np.uint16] | None:
+        """What the camera sent [H, W]: raw disparity, 2047 where there is no reading; `None` where its images are depth."""
+
+@final
+class VideoFrame:
+    """An image of the colour or the infra-red camera, copied: it stays as it is."""
+
+    @property
+    def timestamp_ns(self) -> int:
+        """Its stamp, ns on the stream's clock."""
+    @property
+    def kind(self) -> Literal["color", "infrared"]:
+        """Which camera's."""
+    @property
+    def pixels(self) -> NDArray[np.uint8] | NDArray[np.uint16]:
+        """The image.
+
+        Colour: a Bayer mosaic [480, 640], uint8 (rows begin green, red and blue, green). Infra-red: [488, 640], uint16, 0 to 1023.
+        """
+    @property
+    def missing(self) -> list[tuple[int, int]]:
+        """What was lost on the way, and is all ones: ranges (start, end) of pixels, counted row by row."""
 
 @final
 class Stream:
@@ -602,8 +755,26 @@ class Stream:
     def busy(self) -> float:
         """How long the engine worked up to the last event, s."""
     @property
+    def arrival_ns(self) -> int | None:
+        """When the last packet arrived of the frame that the last event came with, ns; `None` where no packets come.
+
+        Of a live Kinect it is comparable with `time.time_ns()`.
+        """
+    @property
     def remarks(self) -> list[str]:
         """What the user should know of the source, once the stream is over, a line each."""
+    @property
+    def frame(self) -> Frame | None:
+        """The newest image of a stream with `frames=True`, if there was one; it may be ahead of the events.
+
+        Raises ValueError where images were not asked for.
+        """
+    @property
+    def video(self) -> VideoFrame | None:
+        """The newest image of `stream("kinect?video=color")`, or `infrared`, if there was one; it may be ahead of the events.
+
+        Raises ValueError where video was not asked for.
+        """
     @property
     def tracks(self) -> dict[int, Track]:
         """The live tracks by number, as of the last event."""
@@ -808,11 +979,19 @@ def open_source(
     camera: _Camera,
     positions: bool,
     provisional: bool,
+    images: bool,
+    gravity: list[float] | None,
     frames: int | None,
     duration: float | None,
+    every_frame: bool,
+    reconnect: float | None,
+    record: str | os.PathLike[str] | None,
+    tum: bool,
     timeout: float | None,
 ) -> Stream: ...
-def open_iterable(items: Iterable[Any], *, config: _Config, camera: _Camera, positions: bool, provisional: bool) -> Stream: ...
+def open_iterable(
+    items: Iterable[Any], *, config: _Config, camera: _Camera, positions: bool, provisional: bool, images: bool
+) -> Stream: ...
 def dump_config(source: str | None = None, config: _Config = None, camera: _Camera = None) -> str: ...
 def event_from_toml(text: str) -> _Event: ...
 
@@ -828,10 +1007,18 @@ class Recording:
     @property
     def remarks(self) -> list[str]:
         """What the user should know of the source so far, a line each."""
+    @property
+    def counters(self) -> Counters:
+        """Frames, and what was lost of a source of packets."""
+    @property
+    def bytes(self) -> int:
+        """How much was written, bytes."""
     def close(self) -> None:
         """Completes what was recorded; no more frames."""
 
-def open_recording(source: str, out: str | os.PathLike[str], *, tum: bool, frames: int | None) -> Recording: ...
+def open_recording(
+    source: str, out: str | os.PathLike[str], *, gravity: list[float] | None, tum: bool, frames: int | None
+) -> Recording: ...
 def simulate(scene: str, out: str | os.PathLike[str]) -> tuple[int, int, int]: ...
 def scenes() -> list[str]: ...
 def accelerations(t: ArrayLike, positions: ArrayLike) -> _Array: ...

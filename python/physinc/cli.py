@@ -14,7 +14,10 @@ from . import __version__
 from ._physinc import dump_config as configuration_in_force
 from ._physinc import open_recording
 from ._physinc import simulate as simulate_scene
-from .errors import ConfigError, DeviceNotFoundError, PhysincError
+from .device_commands import devices, doctor
+from .errors import ConfigError, DeviceDisconnectedError, DeviceNotFoundError, PhysincError
+from .level import Level, gravity_of
+from .motor_commands import led, tilt
 from .narration import Narration, Progress
 from .streaming import open_named, path_of
 
@@ -26,7 +29,7 @@ app = App(
 
     Try `physinc run demo`: a ball is thrown over a floor and a box of glass.
 
-    Exit codes: 0 the source ended, 1 it broke, 2 usage or configuration, 3 no device, 130 Ctrl-C.""",
+    Exit codes: 0 the source ended, 1 it broke, 2 usage or configuration, 3 no device, 4 disconnected, 130 Ctrl-C.""",
 )
 
 
@@ -35,6 +38,9 @@ def no_option(_: Any, source: str | None) -> None:
     if source is not None and source.startswith("-") and source != "-":
         raise ValueError(f"there is no option {source}")
 
+
+EXIT_CODES = {ConfigError: 2, DeviceNotFoundError: 3, DeviceDisconnectedError: 4}
+"""Of what else goes wrong it is 1."""
 
 Flag = Parameter(negative="", show_default=False)
 
@@ -52,7 +58,10 @@ def run(
     frames: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
     duration: Annotated[float | None, Parameter(validator=validators.Number(gte=0))] = None,
     every_frame: Annotated[bool, Flag] = False,
+    level: Annotated[Level | None, Parameter(show_default=False)] = None,
     reconnect: Annotated[float | None, Parameter(validator=validators.Number(gte=0))] = None,
+    record: Annotated[Path | None, Parameter(show_default=False)] = None,
+    tum: Annotated[bool, Flag] = False,
     dump_config: Annotated[bool, Flag] = False,
 ) -> int:
     """Tell what happens in SOURCE, as it happens.
@@ -65,7 +74,7 @@ def run(
         (probabilities of a packet: lose, empty, short, double, foreign, late, flip, silence; burst=10, the mean length of losses).
         A folder with INDEX.txt (fakenect) or depth.txt (TUM RGB-D): depth frames, one a file.
         FILE.csv, or - for stdin: positions, with the header t,x,y,z (s, m, z up) and optionally track, xx,xy,xz,yy,yz,zz.
-        Left out: a live Kinect, which this version can't read yet.
+        Left out, or kinect: a live Kinect; kinect:SERIAL the one of that serial number, or place (1-2.1), or index (0, 1, …).
     json
         Print events, one JSON object a line, and nothing else; messages go to stderr.
     positions
@@ -82,13 +91,18 @@ def run(
         Stop after so many seconds of the stream.
     every_frame
         Live devices wait instead of dropping frames; of recordings every frame is used anyway.
+    level
+        accelerometer: the world of a live Kinect is level by its own accelerometer; balls that fly otherwise are told.
     reconnect
-        Live devices may be away for so many seconds; recordings don't go away.
+        A device may be away for so many seconds: the stream goes on when it is back.
+    record
+        Also record SOURCE there, as physinc record does.
+    tum
+        A folder that is recorded has the layout of TUM RGB-D.
     dump_config
         Print the configuration in force (for SOURCE, if it is given), and exit.
 
     """
-    del every_frame, reconnect
     if dump_config:
         sys.stdout.write(configuration_in_force(None if source is None else path_of(source), config, camera))
         return 0
@@ -101,8 +115,13 @@ def run(
         camera=camera,
         positions=positions,
         provisional=provisional,
+        level=level,
         frames=frames,
         duration=duration,
+        every_frame=every_frame,
+        reconnect=reconnect,
+        record=record,
+        tum=tum,
         timeout=timeout,
     )
     interrupted = False
@@ -125,6 +144,7 @@ def run(
                 narration.tell(event)
             narration.close(stream.busy)
     finally:
+        stream.close()
         remark(source, stream.remarks)
     return 130 if interrupted else 0
 
@@ -143,6 +163,7 @@ def record(
     *,
     frames: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
     every_frame: Annotated[bool, Flag] = False,
+    level: Annotated[Level | None, Parameter(show_default=False)] = None,
     tum: Annotated[bool, Flag] = False,
 ) -> int:
     """Record SOURCE in OUT, with the camera in camera.toml, so that `physinc run OUT` tells the same.
@@ -155,11 +176,13 @@ def record(
         FILE.npz (disparity as it is, depth in whole mm), or else a folder in fakenect's layout: stamps become ticks of 60 MHz, at most
         8 ns away. Of a source of packets also FILE.pcapng, FILE.pcapng.gz or FILE.pcapng.zst: the packets themselves; elsewhere lost
         samples read as 2047. Nothing is overwritten. A folder is readable up to its last frame even if the recording is killed, a
-        capture up to its last second.
+        file up to its last second.
     frames
         Stop after so many frames.
     every_frame
         Live devices wait instead of dropping frames; of recordings every frame is used anyway.
+    level
+        accelerometer: camera.toml tells what a live Kinect's accelerometer says, so that the recording's world is level, too.
     tum
         The folder has the layout of TUM RGB-D instead, which keeps every stamp and every sample.
 
@@ -167,11 +190,11 @@ def record(
     del every_frame
     # Ctrl-C ends the recording, which is completed first.
     with (
-        open_recording(path_of(source), out, tum=tum, frames=frames) as recording,
+        open_recording(path_of(source), out, gravity=gravity_of(source, level), tum=tum, frames=frames) as recording,
         Progress(out, frames) as progress,
     ):
         for count, timestamp_ns in recording:
-            progress.tell(count, timestamp_ns)
+            progress.tell(count, timestamp_ns, lost=recording.counters.packets_lost, size=recording.bytes)
         remarks = recording.remarks
     remark(source, remarks)
     return 0
@@ -196,6 +219,10 @@ def simulate(scene: str, out: Path, /) -> int:
     return 0
 
 
+for command in (tilt, led, devices, doctor):
+    app.command(command)
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; its exit code."""
     try:
@@ -210,4 +237,4 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
     except (PhysincError, OSError) as error:
         sys.stderr.write(f"physinc: {error}\n")
-        return 2 if isinstance(error, ConfigError) else 3 if isinstance(error, DeviceNotFoundError) else 1
+        return next((code for kind, code in EXIT_CODES.items() if isinstance(error, kind)), 1)

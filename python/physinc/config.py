@@ -40,6 +40,9 @@ class CameraConfig:
     """Seconds from the first row's readout to the last's (0)."""
     world_from_camera: Matrix | None = None
     """Pose, 4 rows of 4, rigid."""
+    gravity_in_camera: Vector | None = None
+    """Where an accelerometer in the camera says that gravity pulls, m/s²; without a pose the world is level by it, and flights that show
+    otherwise are told (`level_disagreement`)."""
 
 
 @dataclass(frozen=True)

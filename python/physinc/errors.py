@@ -21,5 +21,25 @@ class DeviceNotFoundError(PhysincError):
     """No such camera is attached."""
 
 
+class DevicePermissionError(PhysincError, PermissionError):
+    """The device is there, and the system doesn't allow to use it."""
+
+
+class DeviceBusyError(PhysincError):
+    """Another program, or a kernel driver, holds the device."""
+
+
+class DeviceDisconnectedError(PhysincError, ConnectionError):
+    """The device went away."""
+
+
+class DeviceTimeoutError(PhysincError, TimeoutError):
+    """The device doesn't answer, or doesn't get done."""
+
+
+class DeviceReplyError(PhysincError):
+    """The device answers what it shouldn't."""
+
+
 class StreamTimeoutError(PhysincError, TimeoutError):
     """No input for too long; the stream stays open, and may be asked again."""

@@ -13,7 +13,10 @@ Event: TypeAlias = (
     | p.Contact
     | p.Surface
     | p.CameraOrientation
+    | p.LevelDisagreement
     | p.Gap
+    | p.Disconnected
+    | p.Reconnected
     | p.StreamEnded
 )
 """Any event."""

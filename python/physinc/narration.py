@@ -32,6 +32,7 @@ class Progress:
     def __init__(self, out: Path, frames: int | None) -> None:
         self.out, self.frames = out, frames
         self.count, self.start_ns, self.newest_ns = 0, 0, 0
+        self.lost = self.bytes = 0
         self.console = Console(stderr=True, highlight=False, soft_wrap=True)
         self.status = self.console.status(self._line())
 
@@ -43,15 +44,17 @@ class Progress:
         self.status.stop()
         self.console.print(self._line())
 
-    def tell(self, count: int, timestamp_ns: int) -> None:
-        """Show that there are `count` frames, the newest of `timestamp_ns`."""
+    def tell(self, count: int, timestamp_ns: int, *, lost: int, size: int) -> None:
+        """Show that there are `count` frames, the newest of `timestamp_ns`, `lost` packets that never came, and `size` bytes written."""
         self.start_ns = self.start_ns if self.count else timestamp_ns
-        self.count, self.newest_ns = count, timestamp_ns
+        self.count, self.newest_ns, self.lost, self.bytes = count, timestamp_ns, lost, size
         self.status.update(self._line())
 
     def _line(self) -> str:
         of = f" of {self.frames}" if self.frames is not None else ""
-        return escape(f"{self.out}: {self.count}{of} frames, {(self.newest_ns - self.start_ns) * 1e-9:.1f} s")
+        seconds = (self.newest_ns - self.start_ns) * 1e-9
+        lost = _count(self.lost, "packet")
+        return escape(f"{self.out}: {self.count}{of} frames, {seconds:.1f} s, {lost} lost, {self.bytes / 1e6:.1f} MB")
 
 
 class Narration:
@@ -86,14 +89,25 @@ class Narration:
                 self.surfaces[event.id] = event
             case p.CameraOrientation():
                 self.orientation = event
+            case p.StreamEnded():
+                self.ended = event
+            case _:
+                self._warn(event)
+
+    def _warn(self, event: Event) -> None:
+        """Print what is wrong with device or camera."""
+        match event:
+            case p.LevelDisagreement():
+                angle = f"{math.degrees(event.angle):.1f}{_sd(event.sd, 180 / math.pi, 1)}°"
+                self._line(event.timestamp_ns, f"[yellow]the accelerometer is {angle} off what {_count(event.flights, 'flight')} show[/]")
             case p.Gap():
                 self.lost += event.frames or 0
                 if event.reason == "packets_lost" and not event.frames:
                     return  # Only parts of a frame are missing: the last line counts them.
                 seconds = (event.end_ns - event.start_ns) * 1e-9
                 self._line(event.start_ns, f"[yellow]nothing for {seconds:.3f} s ({event.reason.replace('_', ' ')})[/]")
-            case p.StreamEnded():
-                self.ended = event
+            case p.Disconnected() | p.Reconnected():
+                self._line(event.timestamp_ns, f"[yellow]the device is {event.event} ({event.reason.replace('_', ' ')})[/]")
 
     def close(self, busy: float) -> None:
         """Print what was found; the engine worked for `busy` seconds."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from ._physinc import Position, Stream, open_iterable, open_source
 from .config import CameraConfig, Config
 from .errors import ConfigError
+from .level import Level, gravity_of
 
 Depth: TypeAlias = NDArray[np.uint16] | NDArray[np.float32]
 """A depth image [H, W]: uint16 in mm, 0 where there is no reading, or float32 in m, NaN where there is none."""
@@ -35,6 +37,8 @@ def stream(
     positions: bool = False,
     provisional: bool = False,
     frames: bool = False,
+    level: Level | None = None,
+    record: str | os.PathLike[str] | None = None,
     timeout: float | None = 2.0,
     reconnect: bool = False,
 ) -> Stream:
@@ -43,27 +47,44 @@ def stream(
     `source` is `"demo"`, the path of an `*.npz` (depth frames), of a `*.pcapng` or `*.pcap` (a usbmon capture of a Kinect, also `.gz` or
     `.zst`), of a folder with `INDEX.txt` (fakenect) or `depth.txt` (TUM RGB-D), or of a
     `*.csv` (positions), `"-"` (a CSV on stdin), or an iterable of `(timestamp_ns, depth)` or `Position`.
-    Left out it is a live Kinect, which this version can't read yet.
+    Left out it is a live Kinect, as is `"kinect"`; `"kinect:SERIAL"` is the one of that serial number (or place, `1-2.1`, or index).
 
     `config` is the path of a TOML file, a dict of the same shape, or a `Config`; `camera` likewise a camera file, a dict or a
     `CameraConfig`, which wins over the file beside a recording.
 
     With `positions` every position is told, with `provisional` also events that a later one will replace.
+    With `frames` the stream's `frame` is the newest depth image, whatever the events have come to: images that nobody looked at are gone,
+    events are not.
+    With `level="accelerometer"` the world of a live Kinect is level, as far as its accelerometer knows, unless `world_from_camera` is
+    given: z is up, y forward. Where thrown balls show another gravity, that is told (`level_disagreement`).
+    With `record`, what the source delivers is recorded there, too, as `physinc record` does: closing the stream completes the recording.
     After `timeout` seconds without input `StreamTimeoutError` is raised (`None`: wait as long as it takes); iterables are waited for.
-    `reconnect` concerns live devices only; recordings end.
+    Of a live Kinect there is video as well: `"kinect?video=color"`, or `infrared`, and the stream's `video` is the newest image.
+    With `reconnect` a device that is unplugged is awaited, and the stream goes on; otherwise `DeviceDisconnectedError` is raised then.
 
     Raises `PhysincError`s that say what happened and what mends it; what an iterable raises passes unchanged,
     after `stream_ended` (reason `disconnected`) if the stream had begun.
     """
-    del reconnect
-    if frames:
-        raise ConfigError("frames = True: this version doesn't hand out images; expected False")
     config, camera = _plain(config), _plain(camera)
     if source is None:
         source = "kinect"
     if isinstance(source, (str, os.PathLike)):
-        return open_named(source, config=config, camera=camera, positions=positions, provisional=provisional, timeout=timeout)
-    return open_iterable(source, config=config, camera=camera, positions=positions, provisional=provisional)
+        return open_named(
+            source,
+            config=config,
+            camera=camera,
+            positions=positions,
+            provisional=provisional,
+            images=frames,
+            level=level,
+            record=record,
+            reconnect=math.inf if reconnect else None,
+            timeout=timeout,
+        )
+    gravity_of(source, level)
+    if record is not None:
+        raise ConfigError(f"record = {os.fspath(record)}: an iterable's own items can't be recorded; only what physinc reads itself")
+    return open_iterable(source, config=config, camera=camera, positions=positions, provisional=provisional, images=frames)
 
 
 def open_named(
@@ -73,11 +94,20 @@ def open_named(
     camera: Any = None,
     positions: bool = False,
     provisional: bool = False,
+    images: bool = False,
+    level: Level | None = None,
     frames: int | None = None,
     duration: float | None = None,
+    every_frame: bool = False,
+    reconnect: float | None = None,
+    record: str | os.PathLike[str] | None = None,
+    tum: bool = False,
     timeout: float | None = 2.0,
 ) -> Stream:
-    """Open a source by name, as the command line does: at most `frames` inputs, and `duration` seconds of them."""
+    """Open a source by name, as the command line does: at most `frames` inputs, and `duration` seconds of them.
+
+    A live device waits for the reader with `every_frame`, and may be away for `reconnect` seconds.
+    """
     name = os.fspath(source)
     return open_source(
         path_of(name),
@@ -86,8 +116,14 @@ def open_named(
         camera=camera,
         positions=positions,
         provisional=provisional,
+        images=images,
+        gravity=gravity_of(name, level),
         frames=frames,
         duration=duration,
+        every_frame=every_frame,
+        reconnect=reconnect,
+        record=record,
+        tum=tum,
         timeout=timeout,
     )
 

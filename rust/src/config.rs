@@ -67,6 +67,8 @@ section! {
         readout: Option<f64> = None,
         /// Pose, 4 rows of 4, rigid.
         world_from_camera: Option<[[f64; 4]; 4]> = None,
+        /// Where an accelerometer in the camera says that gravity pulls, m/s²; without a pose the world is level by it.
+        gravity_in_camera: Option<[f64; 3]> = None,
     }
 }
 
@@ -345,6 +347,11 @@ impl CameraConfig {
                 expected: "4 rows of 4, a rotation and a translation",
             });
         }
+        if let Some(gravity) = &self.gravity_in_camera {
+            finite("camera.gravity_in_camera", gravity)?;
+            let size = crate::math::Vec3::from(*gravity).norm();
+            within("camera.gravity_in_camera", size, 0.1, 100.0, "a vector of 0.1 to 100 m/s² (the value shown is its length)")?;
+        }
         Ok(())
     }
 
@@ -364,6 +371,7 @@ impl CameraConfig {
             max_depth: self.max_depth.or(other.max_depth),
             readout: self.readout.or(other.readout),
             world_from_camera: self.world_from_camera.or(other.world_from_camera),
+            gravity_in_camera: self.gravity_in_camera.or(other.gravity_in_camera),
         }
     }
 }

@@ -39,6 +39,8 @@ pub struct Engine<'b> {
     assembler: Option<Assembler<Slice<'b, u8>>>,
     /// Packets lost that no gap has told of.
     untold: u64,
+    /// The device was away since the frame before.
+    was_away: bool,
     seeing: Option<Seeing<'b>>,
     attention: Attention,
     camera: Option<Camera>,
@@ -100,6 +102,7 @@ impl<'b> Engine<'b> {
         Self {
             assembler,
             untold: 0,
+            was_away: false,
             seeing,
             attention: Attention::new(config),
             camera: camera.copied(),
@@ -120,22 +123,22 @@ impl<'b> Engine<'b> {
     /// # Errors
     /// The engine is not for packets.
     pub fn packet(&mut self, bytes: &[u8], arrival_ns: i64, sink: &mut dyn FnMut(Event)) -> Result<(), SeeError> {
-        self.packet_if(bytes, arrival_ns, &mut |_, _| true, sink)
+        self.packet_if(bytes, arrival_ns, &mut |_, _, _| true, sink)
     }
 
-    /// Takes in a packet; a frame that it ends is passed over where `wanted`, handed its stamp and the sink, says so.
+    /// Takes in a packet; a frame that it ends is passed over unless `wanted`, handed its stamp, itself and the sink, says so.
     pub(crate) fn packet_if(
         &mut self,
         bytes: &[u8],
         arrival_ns: i64,
-        wanted: &mut dyn FnMut(i64, &mut Sink<'_>) -> bool,
+        wanted: &mut dyn FnMut(i64, Image<'_>, &mut Sink<'_>) -> bool,
         sink: &mut dyn FnMut(Event),
     ) -> Result<(), SeeError> {
         // The frame is seen in the assembler's buffer, while the rest of the engine is at work.
         let Some(mut assembler) = self.assembler.take() else { return Err(SeeError::Kind) };
         let mut outcome = Ok(());
         assembler.push(bytes, arrival_ns, &mut |frame| {
-            if wanted(frame.timestamp_ns, sink) {
+            if wanted(frame.timestamp_ns, Image::Packed { packed: frame.packed, packing: frame.packing }, sink) {
                 outcome = self.assembled(&frame, sink);
             }
         });
@@ -147,6 +150,14 @@ impl<'b> Engine<'b> {
         let missing: Vec<Range<usize>, { frame::MOST_HOLES }> = frame.missing().collect();
         let image = Image::Packed { packed: frame.packed, packing: frame.packing };
         self.take_in(frame.timestamp_ns, image, &Loss { missing: &missing, packets: frame.lost }, sink)
+    }
+
+    /// The device of the packets was away, and is back: its next frame ends a gap.
+    pub fn begin_anew(&mut self) {
+        self.was_away = true;
+        if let Some(assembler) = &mut self.assembler {
+            assembler.begin_anew();
+        }
     }
 
     /// Takes in the next depth image. One whose stamp is not later than the last one's is counted and not used.
@@ -165,8 +176,11 @@ impl<'b> Engine<'b> {
         self.untold += loss.packets;
         let before = self.timeline.newest();
         let Some(mut gaps) = self.timeline.advance(timestamp_ns) else { return Ok(()) };
-        if self.untold > 0 || !loss.missing.is_empty() {
-            gaps[1] = Some(packets_lost(before, timestamp_ns, core::mem::take(&mut self.untold), loss.missing));
+        let was_away = core::mem::take(&mut self.was_away);
+        if was_away || self.untold > 0 || !loss.missing.is_empty() {
+            let packets = core::mem::take(&mut self.untold);
+            let gap = packets_lost(before, timestamp_ns, packets, loss.missing);
+            gaps[1] = Some(if was_away { Gap { reason: GapReason::Disconnected, packets: None, ..gap } } else { gap });
         }
         let mut detections: Vec<Detection, 16> = Vec::new();
         let bands = self.attention.bands(timestamp_ns, camera, &self.reasoning);

@@ -154,6 +154,21 @@ events! {
         /// Flights that it rests on.
         flights: u32,
     }
+    /// Flights show that the accelerometer's level, `gravity_in_camera` of the configuration, is off. Told once in a stream.
+    LevelDisagreement {
+        /// As the flights show it, camera frame, m/s².
+        gravity_in_camera: [f64; 3],
+        /// As the accelerometer tells it, camera frame, m/s².
+        gravity_by_accelerometer: [f64; 3],
+        /// Between the two, rad.
+        angle: f64,
+        /// Standard deviation of `angle` if the two were one, rad: the flights' own, and 0.5° of an accelerometer that is right.
+        sd: f64,
+        /// Probability of such an angle then.
+        p_value: f64,
+        /// Flights that it rests on.
+        flights: u32,
+    }
     /// Input is missing.
     Gap {
         /// Newest input before it, ns.
@@ -168,6 +183,16 @@ events! {
         packets: Option<u64>,
         /// Samples lost.
         samples: Option<u64>,
+    }
+    /// The device is gone.
+    Disconnected {
+        /// Why.
+        reason: DisconnectReason,
+    }
+    /// The device is back, and the stream goes on.
+    Reconnected {
+        /// By what it was recognised.
+        reason: ReconnectReason,
     }
     /// The stream is over.
     StreamEnded {
@@ -224,6 +249,24 @@ pub enum GapReason {
     FramesLost,
     Stalled,
     Disconnected,
+}
+
+/// Why a device is gone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "std", derive(Serialize, Deserialize), serde(rename_all = "snake_case"))]
+#[allow(missing_docs)] // The names say it.
+pub enum DisconnectReason {
+    Unplugged,
+    UsbError,
+}
+
+/// By what a device that is back was recognised.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "std", derive(Serialize, Deserialize), serde(rename_all = "snake_case"))]
+#[allow(missing_docs)] // The names say it.
+pub enum ReconnectReason {
+    SameSerial,
+    SamePort,
 }
 
 /// Why a stream ended.

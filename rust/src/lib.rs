@@ -38,7 +38,8 @@
 //! - none: the core, `no_std` and without an allocator.
 //! - `std`: configuration files, recordings, streams.
 //! - `sim`: simulated scenes with their truth; it shares no code with the estimators.
-//! - `python`: the extension module.
+//! - `usb`: live Kinects, by a libusb of its own, which is built with the C compiler (LGPL-2.1-or-later).
+//! - `python`: the extension module, with all of the above.
 #![no_std]
 
 #[cfg(feature = "std")]

@@ -1,7 +1,9 @@
 //! Packets to frames, whatever happens to the packets on their way.
 
 use physinc::kinect::disparity::Packing;
+use physinc::kinect::layout::Layout;
 use physinc::kinect::packet::{DEPTH_PAYLOAD, HEADER, Header, Place, Stream};
+use physinc::kinect::video::Video;
 use physinc::stream::assembler::Assembler;
 use proptest::prelude::*;
 
@@ -34,6 +36,35 @@ fn packets(count: usize, base: u8) -> Vec<Vec<u8>> {
         }
     }
     all
+}
+
+/// Images of video, of which one packet is lost.
+#[test]
+fn video_is_put_together_as_depth_is() {
+    for (video, lost, hole) in [(Video::Color, 1, 1908..3816), (Video::Infrared, 204, 311_385..312_320)] {
+        let packed: Vec<u8> = (0..video.frame_bytes()).map(|i| (i / 3) as u8).collect();
+        let last = video.packets() - 1;
+        let packets = (0..3 * video.packets()).map(|i| {
+            let place = match i % video.packets() {
+                0 => Place::First,
+                i if i == last => Place::Last,
+                _ => Place::Middle,
+            };
+            let payload = packed.chunks(Video::PAYLOAD).nth(i % video.packets()).expect("a packet");
+            let header = Header { stream: Stream::Video, place, sequence: i as u8, timestamp_ticks: 7 };
+            [&header.emit(payload.len() as u16)[..], payload].concat()
+        });
+        let mut assembler = Assembler::new(video, vec![0; video.frame_bytes()]).expect("large enough");
+        let mut holes = Vec::new();
+        for (i, packet) in packets.enumerate().filter(|(i, _)| *i != video.packets() + lost) {
+            assembler.push(&packet, i as i64, &mut |frame| {
+                holes.push(frame.missing().collect::<Vec<_>>());
+                assert!(!frame.is_whole() || frame.packed == packed);
+            });
+        }
+        assert_eq!(holes, [vec![], vec![hole], vec![]], "{video:?}");
+        assert_eq!(assembler.counters().packets_lost, 1);
+    }
 }
 
 /// Over the clock's wrap.

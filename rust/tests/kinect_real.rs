@@ -66,3 +66,27 @@ fn the_real_zero_plane_gives_the_law() {
         assert!((got / stated - 1.0).abs() < 1e-7, "{got} {stated}");
     }
 }
+
+#[cfg(feature = "sim")]
+#[test]
+fn the_virtual_camera_answers_as_the_real_one_did() {
+    use physinc::sim::kinect::{Camera, Depth, Device, Faults, Model, Setup};
+    let Some(transactions) = recorded() else { return };
+    let depth = Depth::scene("drop", Faults::default()).expect("a scene");
+    let mut camera = Camera::new(Model::M1414, "1", depth, None);
+    let known = [code::WRITE_REGISTER, code::FIXED_PARAMETERS, code::MODE_PARAMETERS, code::CMOS];
+    let (mut answered, mut identical) = (0, 0);
+    for (command, tag, sent, answer) in transactions.iter().filter(|(command, ..)| known.contains(command)) {
+        let mut bytes = [0; HEADER + 64];
+        let length = Command { command: *command, tag: *tag, payload: sent }.emit(&mut bytes).expect("room");
+        let setup = |request_type, length| Setup { request_type, request: 0, value: 0, index: 0, length };
+        camera.control(setup(0x40, length as u16), &bytes[..length], 0).expect("a command that it knows");
+        let replies = (0..9).map(|_| camera.control(setup(0xc0, REPLY_SIZE as u16), &[], 0).expect("a poll"));
+        let reply = replies.skip_while(Vec::is_empty).next().expect("a reply");
+        assert_eq!(reply.len(), HEADER + answer.len(), "{command:02x} {tag:04x}");
+        answered += 1;
+        identical += usize::from(reply[HEADER..] == answer[..]);
+    }
+    // All but what the image sensor measured and the parameters of that unit.
+    assert_eq!((answered, identical), (43, 37));
+}

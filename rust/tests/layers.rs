@@ -28,7 +28,7 @@ const LAYERS: &[(&str, &[&str])] = &[
         &["kinect", "stream", "capture", "geometry", "config_file", "seeing::Image", "seeing::SeeError", "track::Measurement", "sim"],
     ),
     ("config_file", &["geometry"]),
-    ("run", &["geometry", "engine", "reasoning::Predictor", "seeing::SeeError", "source"]),
+    ("run", &["kinect::disparity", "geometry", "engine", "reasoning::Predictor", "seeing", "source"]),
     // Never an estimator: it makes what estimators are judged by.
     ("sim", &["geometry", "kinect", "capture"]),
     (

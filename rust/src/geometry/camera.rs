@@ -67,6 +67,16 @@ impl Pose {
         Self { rotation: Mat3::new(1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -1.0, 0.0), translation: Vec3::zeros() }
     }
 
+    /// The world of a camera in which gravity pulls along `gravity` (not zero): z up, y as forward as a level direction can be.
+    pub fn level(gravity: &Vec3) -> Self {
+        let up = -gravity.normalize();
+        // Where it looks straight down the top of the image is forward, where it looks up the bottom.
+        let forward = if up.z.abs() < 1.0 - 1e-9 { Vec3::z() } else { Vec3::new(0.0, up.z, 0.0) };
+        let y = (forward - up * up.dot(&forward)).normalize();
+        let rows = [y.cross(&up).transpose(), y.transpose(), up.transpose()];
+        Self { rotation: Mat3::from_rows(&rows), translation: Vec3::zeros() }
+    }
+
     /// A point of the camera frame, in the world.
     pub fn to_world(&self, p: &Vec3) -> Vec3 {
         self.rotation * p + self.translation
@@ -124,6 +134,8 @@ pub struct Camera {
     pub readout: f64,
     /// Where the camera stands, if that was told.
     pub pose: Option<Pose>,
+    /// Where an accelerometer in it says that gravity pulls, camera frame, m/s².
+    pub gravity: Option<Vec3>,
 }
 
 impl Camera {
@@ -166,6 +178,7 @@ impl Camera {
             max_depth: keys.max_depth.unwrap_or(10.0),
             readout: keys.readout.unwrap_or(0.0),
             pose: keys.world_from_camera.as_ref().and_then(Pose::from_rows),
+            gravity: keys.gravity_in_camera.map(Vec3::from),
         })
     }
 
@@ -188,7 +201,14 @@ impl Camera {
             max_depth: Some(self.max_depth),
             readout: Some(self.readout),
             world_from_camera: self.pose.map(|pose| pose.to_rows()),
+            gravity_in_camera: self.gravity.map(Into::into),
         }
+    }
+
+    /// The world of its stream: that of its pose; else level, as far as it is told where gravity pulls; else its axes renamed.
+    pub fn world(&self) -> Pose {
+        let level = || self.gravity.as_ref().map(Pose::level);
+        self.pose.or_else(level).unwrap_or_else(Pose::renamed_axes)
     }
 
     /// The point at depth `z` (m) on the ray of pixel (`column`, `row`), camera frame.
@@ -216,6 +236,22 @@ mod tests {
         }
         assert_eq!(code.depth(1090), None);
         assert_eq!(code.depth(2047), None);
+    }
+
+    #[test]
+    fn a_level_world_is_upright_and_looks_forward() {
+        let world = |x, y, z| Pose::level(&Vec3::new(x, y, z));
+        assert_eq!(world(0.0, 9.81, 0.0), Pose::renamed_axes());
+        for (x, y, z) in [(0.0, 0.0, 9.8), (0.0, 0.0, -9.8), (0.0, 1e-7, 9.8), (3.0, 9.0, 1.0), (-9.8, 0.0, 0.0), (0.1, -9.8, 0.3)] {
+            let (pose, gravity) = (world(x, y, z), Vec3::new(x, y, z));
+            assert!((pose.rotation * gravity - Vec3::new(0.0, 0.0, -gravity.norm())).norm() < 1e-12, "{gravity}");
+            assert!(Pose::from_rows(&pose.to_rows()).is_some(), "{gravity}");
+            let forward = pose.rotation * Vec3::z();
+            assert!(forward.x.abs() < 1e-12 && forward.y >= 0.0, "{gravity}");
+        }
+        // Down: what is at the top of the image is in front.
+        assert!((world(0.0, 0.0, 9.8).rotation * -Vec3::y() - Vec3::y()).norm() < 1e-12);
+        assert!((world(0.0, 1e-3, 9.8).rotation * -Vec3::y() - Vec3::y()).norm() < 1e-3);
     }
 
     #[test]

@@ -3,7 +3,11 @@
 pub mod calibration;
 pub mod command;
 pub mod disparity;
+pub mod layout;
+pub mod model;
 pub mod packet;
+pub mod session;
+pub mod video;
 
 /// The little-endian 16 bits at `at`; 0 beyond the end.
 fn le16(bytes: &[u8], at: usize) -> u16 {

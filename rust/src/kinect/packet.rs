@@ -16,6 +16,8 @@ use super::le32;
 pub const HEADER: usize = 12;
 /// Bytes of payload in every packet of a depth frame but its last.
 pub const DEPTH_PAYLOAD: usize = 1748;
+/// Bytes of payload in every packet of a video frame but its last.
+pub const VIDEO_PAYLOAD: usize = 1908;
 /// Ticks of the device's clock in a second.
 pub const TICKS_PER_SECOND: u32 = 60_000_000;
 /// Frames of depth that it sends in a second.

@@ -59,7 +59,7 @@ macro_rules! words {
         fn to_python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> { plain(py, self) }
     })*};
 }
-words!(event::TrackReason, event::GapReason, event::EndReason);
+words!(event::TrackReason, event::GapReason, event::DisconnectReason, event::ReconnectReason, event::EndReason);
 
 /// `value` as dicts, lists, numbers and strings, exactly what its JSON says.
 fn plain<'py>(py: Python<'py>, value: &impl Serialize) -> PyResult<Bound<'py, PyAny>> {
@@ -247,7 +247,10 @@ event_classes! {
     }
     Surface { id, name, normal, offset, covariance, tilt, tilt_sd, contacts, outline, above, merged_into }
     CameraOrientation { id, gravity_in_camera, roll, pitch, covariance, flights }
+    LevelDisagreement { gravity_in_camera, gravity_by_accelerometer, angle, sd, p_value, flights }
     Gap { start_ns, end_ns, reason, frames, packets, samples }
+    Disconnected { reason }
+    Reconnected { reason }
     StreamEnded { reason, counters }
 }
 

@@ -8,7 +8,7 @@ use crate::config::{CameraConfig, Config};
 use crate::event::EndReason;
 use crate::geometry::camera::{Camera, DepthCode};
 use crate::math::Mat3;
-use crate::run::{Options, Run, Step};
+use crate::run::{Latest, Options, Run, Step};
 use crate::seeing::Image;
 use crate::source::{Input, MOST_POSITIONS, measurement};
 use crate::track::Measurement;
@@ -19,6 +19,7 @@ use pyo3::types::{PyIterator, PyList, PyTuple};
 use std::borrow::Cow;
 use std::format;
 use std::string::ToString;
+use std::sync::Arc;
 use std::vec::Vec;
 
 const EXPECTED: &str =
@@ -34,15 +35,17 @@ pub struct Iterable {
     ahead: Option<Pulled>,
     /// What broke the stream, once it has told its end.
     failure: Option<PyErr>,
+    /// Where images go, if they are wanted.
+    latest: Option<Arc<Latest>>,
 }
 
 /// An item, `None` after the last, or what the iterable raised.
 type Pulled = PyResult<Option<Py<PyAny>>>;
 
 impl Iterable {
-    pub fn new(items: &Bound<'_, PyAny>, config: Config, options: Options) -> PyResult<Self> {
+    pub fn new(items: &Bound<'_, PyAny>, config: Config, options: Options, latest: Option<Arc<Latest>>) -> PyResult<Self> {
         let items = items.try_iter().map_err(|_| PyTypeError::new_err(format!("{} is no source: {EXPECTED}", items.get_type())))?;
-        Ok(Self { items: items.unbind(), config, options, run: None, ahead: None, failure: None })
+        Ok(Self { items: items.unbind(), config, options, run: None, ahead: None, failure: None, latest })
     }
 
     /// Pulls one instant; `None` after the last. What goes wrong is told after the end of the stream, if that has begun.
@@ -140,7 +143,10 @@ impl Iterable {
     fn push(&mut self, shape: Option<&[usize]>, input: Input<'_>) -> PyResult<Step> {
         if self.run.is_none() {
             let camera = shape.map(|shape| self.camera(shape)).transpose()?;
-            self.run = Some(Run::new("iterable", &self.config, camera, self.options)?);
+            let run = self.run.insert(Run::new("iterable", &self.config, camera, self.options)?);
+            if let Some(latest) = &self.latest {
+                run.show(Arc::clone(latest));
+            }
         }
         let Some(run) = &mut self.run else { return Err(PyValueError::new_err(EXPECTED)) };
         let expected = run.camera().map(|camera| [camera.height as usize, camera.width as usize]);

@@ -5,6 +5,7 @@ mod config;
 mod disparity;
 mod error;
 mod event;
+mod frame;
 mod functions;
 mod iterable;
 mod law;
@@ -14,6 +15,7 @@ mod result;
 mod samples;
 mod simulation;
 mod stream;
+mod video;
 mod waiting;
 
 use pyo3::prelude::*;
@@ -26,9 +28,11 @@ mod _physinc {
     use super::disparity::unpack_disparity;
     #[pymodule_export]
     use super::event::{
-        Above, CameraModel, CameraOrientation, Contact, Counters, Gap, Inconsistency, Position, StreamEnded, StreamStarted, Surface,
-        TrackEnded, TrackStarted, event_from_toml,
+        Above, CameraModel, CameraOrientation, Contact, Counters, Disconnected, Gap, Inconsistency, LevelDisagreement, Position,
+        Reconnected, StreamEnded, StreamStarted, Surface, TrackEnded, TrackStarted, event_from_toml,
     };
+    #[pymodule_export]
+    use super::frame::Frame;
     #[pymodule_export]
     use super::functions::{accelerations, find_inconsistencies, fit_flight, fit_sphere, solve_contact};
     #[pymodule_export]
@@ -41,6 +45,8 @@ mod _physinc {
     use super::simulation::{scenes, simulate};
     #[pymodule_export]
     use super::stream::{Stream, Track, open_iterable, open_source};
+    #[pymodule_export]
+    use super::video::VideoFrame;
     use pyo3::prelude::*;
 
     #[pymodule_init]

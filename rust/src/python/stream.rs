@@ -4,20 +4,25 @@ use super::array::{array1, array2};
 use super::config::{self, CameraSource};
 use super::error::StreamTimeoutError;
 use super::event::{self, Counters};
+use super::frame::Frame;
 use super::iterable::Iterable;
+use super::video::VideoFrame;
 use super::waiting::{SLICE, wait_for};
 use crate::event::Event;
 use crate::math::rows;
 use crate::reasoning::Predictor;
-use crate::run::{Next, Options, Reader, Run, Step};
+use crate::run::{Latest, Next, Options, Reader, Run, Step};
+use crate::source::{LatestVideo, Recorder, Tape, Taped};
 use crate::time;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
+use std::boxed::Box;
 use std::collections::{BTreeMap, VecDeque};
 use std::format;
+use std::path::PathBuf;
 use std::string::String;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use std::vec::Vec;
 
@@ -29,6 +34,30 @@ pub struct Stream {
     closed: AtomicBool,
     interrupted: AtomicBool,
     now: Mutex<Now>,
+    shown: Option<Shown<Latest, Frame>>,
+    filmed: Option<Shown<LatestVideo, VideoFrame>>,
+    tape: Option<Tape>,
+}
+
+/// Where images come from, if they are wanted, and the newest that was handed out.
+struct Shown<L, F> {
+    latest: Arc<L>,
+    newest: Mutex<Option<Py<F>>>,
+}
+
+impl<L, F> Shown<L, F> {
+    fn new(latest: Arc<L>) -> Self {
+        Self { latest, newest: Mutex::new(None) }
+    }
+
+    /// The newest, which `take` makes of what is there anew.
+    fn newest(&self, py: Python<'_>, take: impl FnOnce(&L) -> PyResult<Option<Py<F>>>) -> PyResult<Option<Py<F>>> {
+        let mut newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(image) = take(&self.latest)? {
+            *newest = Some(image);
+        }
+        Ok(newest.as_ref().map(|image| image.clone_ref(py)))
+    }
 }
 
 #[allow(clippy::large_enum_variant)] // There are few streams.
@@ -44,6 +73,7 @@ struct Now {
     predictors: Vec<Predictor>,
     counters: crate::event::Counters,
     busy: Duration,
+    arrival_ns: Option<i64>,
 }
 
 #[pymethods]
@@ -58,15 +88,16 @@ impl Stream {
                 return event::to_python(py, event).map(Some);
             }
             match self.step(py) {
-                Ok(Some(Step { events, predictors, counters, busy })) => {
-                    *self.now() = Now { events: events.into(), predictors, counters, busy };
+                Ok(Some(Step { events, predictors, counters, busy, arrival_ns })) => {
+                    *self.now() = Now { events: events.into(), predictors, counters, busy, arrival_ns };
                 }
-                Ok(None) => self.close(),
+                Ok(None) => self.close(py)?,
                 Err(error) => {
                     // Silence and Ctrl-C leave the stream as it is, what else went wrong ends it.
                     if !error.is_instance_of::<StreamTimeoutError>(py) && !error.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py)
                     {
-                        self.close();
+                        // What went wrong first is told.
+                        let _ = self.close(py);
                     }
                     return Err(error);
                 }
@@ -80,14 +111,19 @@ impl Stream {
     }
 
     #[pyo3(signature = (*_exception))]
-    fn __exit__(&self, _exception: &Bound<'_, pyo3::types::PyTuple>) {
-        self.close();
+    fn __exit__(&self, py: Python<'_>, _exception: &Bound<'_, pyo3::types::PyTuple>) -> PyResult<()> {
+        self.close(py)
     }
 
-    /// Stops reading; no more events.
-    fn close(&self) {
+    /// Stops reading; no more events. A device can be opened again afterwards, and a recording is complete.
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
         self.closed.store(true, Ordering::Relaxed);
         self.interrupt();
+        if let Feed::Reader(reader) = &self.feed {
+            py.detach(|| reader.release());
+        }
+        py.detach(|| self.tape.as_ref().map_or(Ok(()), Tape::finish))?;
+        Ok(())
     }
 
     /// Ends the stream as Ctrl-C does: what is known becomes final, and `stream_ended` is the last event.
@@ -110,6 +146,13 @@ impl Stream {
         self.now().busy.as_secs_f64()
     }
 
+    /// When the last packet arrived of the frame that the last event came with, ns, comparable with `time.time_ns()` for a live Kinect;
+    /// `None` where no packets come.
+    #[getter]
+    fn arrival_ns(&self) -> Option<i64> {
+        self.now().arrival_ns
+    }
+
     /// What the user should know of the source, once the stream is over, a line each.
     #[getter]
     fn remarks(&self) -> Vec<String> {
@@ -117,6 +160,25 @@ impl Stream {
             Feed::Reader(reader) => reader.remarks(),
             Feed::Iterable(_) => Vec::new(),
         }
+    }
+
+    /// The newest image, if images are wanted and there was one; it may be ahead of the events.
+    #[getter]
+    fn frame(&self, py: Python<'_>) -> PyResult<Option<Py<Frame>>> {
+        let Some(shown) = &self.shown else {
+            return Err(PyValueError::new_err("images are handed out by physinc.stream(..., frames=True)"));
+        };
+        shown.newest(py, |latest| latest.take().map(|picture| Py::new(py, Frame::new(picture))).transpose())
+    }
+
+    /// The newest image of the colour or infra-red camera, if video is wanted and there was one; it may be ahead of the events.
+    #[getter]
+    fn video(&self, py: Python<'_>) -> PyResult<Option<Py<VideoFrame>>> {
+        let Some(filmed) = &self.filmed else {
+            let what = "video comes from physinc.stream(\"kinect?video=color\"), or video=infrared";
+            return Err(PyValueError::new_err(what));
+        };
+        filmed.newest(py, |latest| latest.take().map(|image| Py::new(py, VideoFrame::new(image))).transpose())
     }
 
     /// The live tracks by number, as of the last event.
@@ -127,13 +189,28 @@ impl Stream {
 }
 
 impl Stream {
-    fn new(feed: Feed, timeout: Option<f64>) -> PyResult<Self> {
+    fn new(
+        feed: Feed,
+        timeout: Option<f64>,
+        latest: Option<Arc<Latest>>,
+        video: Option<Arc<LatestVideo>>,
+        tape: Option<Tape>,
+    ) -> PyResult<Self> {
         let timeout = match timeout {
             None => None,
             Some(seconds) if seconds > 0.0 => Duration::try_from_secs_f64(seconds).ok(),
             Some(seconds) => return Err(PyValueError::new_err(format!("timeout = {seconds}: expected seconds above 0, or None"))),
         };
-        Ok(Self { feed, timeout, closed: AtomicBool::new(false), interrupted: AtomicBool::new(false), now: Mutex::default() })
+        Ok(Self {
+            feed,
+            timeout,
+            closed: AtomicBool::new(false),
+            interrupted: AtomicBool::new(false),
+            now: Mutex::default(),
+            shown: latest.map(Shown::new),
+            filmed: video.map(Shown::new),
+            tape,
+        })
     }
 
     fn now(&self) -> MutexGuard<'_, Now> {
@@ -151,11 +228,13 @@ impl Stream {
     }
 
     fn wait(&self, py: Python<'_>, reader: &Reader) -> PyResult<Option<Step>> {
-        let start = Instant::now();
+        let mut start = Instant::now();
         loop {
             match py.detach(|| reader.next(SLICE)) {
                 Next::Step(step) => return Ok(Some(step)),
                 Next::Over(outcome) => return outcome.map(|()| None).map_err(PyErr::from),
+                // Whoever said how long it may be away does not mind the silence.
+                Next::Silence if reader.is_away() => start = Instant::now(),
                 Next::Silence => {}
             }
             py.check_signals()?;
@@ -200,10 +279,11 @@ impl Track {
     }
 }
 
-/// Opens a source by name. `name` is what the stream calls it.
+/// Opens a source by name. `name` is what the stream calls it, `gravity` what an accelerometer in its camera tells; what it
+/// delivers is recorded in `record`, in TUM's layout with `tum`.
 #[pyfunction]
-#[pyo3(signature = (source, *, name, config, camera, positions, provisional, frames, duration, timeout))]
-#[allow(clippy::too_many_arguments)] // They are Python's.
+#[pyo3(signature = (source, *, name, config, camera, positions, provisional, images, gravity, frames, duration, every_frame, reconnect, record, tum, timeout))]
+#[allow(clippy::too_many_arguments, clippy::fn_params_excessive_bools)] // They are Python's.
 pub fn open_source(
     py: Python<'_>,
     source: &str,
@@ -212,8 +292,14 @@ pub fn open_source(
     camera: Option<&Bound<'_, PyAny>>,
     positions: bool,
     provisional: bool,
+    images: bool,
+    gravity: Option<[f64; 3]>,
     frames: Option<u64>,
     duration: Option<f64>,
+    every_frame: bool,
+    reconnect: Option<f64>,
+    record: Option<PathBuf>,
+    tum: bool,
     timeout: Option<f64>,
 ) -> PyResult<Stream> {
     let mut config = config::config(config)?;
@@ -225,22 +311,36 @@ pub fn open_source(
         }
         CameraSource::Nowhere => None,
     };
+    config.camera.gravity_in_camera = gravity.or(config.camera.gravity_in_camera);
     let (named, theirs) = (String::from(source), config.clone());
-    let source = wait_for(py, move || crate::source::open(&named, &theirs, file.as_deref()))??;
-    let options = Options { positions, provisional, frames, duration };
-    let run = Run::of(&*source, name.unwrap_or(source.name()), &config, options)?;
-    Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout)
+    let mut source = wait_for(py, move || crate::source::open(&named, &theirs, file.as_deref()))??;
+    if let Some(seconds) = reconnect {
+        source.wait_for_return(Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX));
+    }
+    let tape = record.map(|out| Recorder::new(&*source, &out, tum)).transpose()?.map(Tape::new);
+    if let Some(tape) = &tape {
+        source = Box::new(Taped::new(source, tape.clone()));
+    }
+    let options = Options { positions, provisional, frames, duration, every_frame };
+    let mut run = Run::of(&*source, name.unwrap_or(source.name()), &config, options)?;
+    let latest = images.then(Arc::<Latest>::default);
+    if let Some(latest) = &latest {
+        run.show(Arc::clone(latest));
+    }
+    let video = source.video();
+    Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout, latest, video, tape)
 }
 
 /// Takes frames or positions from a Python iterable.
 #[pyfunction]
-#[pyo3(signature = (items, *, config, camera, positions, provisional))]
+#[pyo3(signature = (items, *, config, camera, positions, provisional, images))]
 pub fn open_iterable(
     items: &Bound<'_, PyAny>,
     config: Option<&Bound<'_, PyAny>>,
     camera: Option<&Bound<'_, PyAny>>,
     positions: bool,
     provisional: bool,
+    images: bool,
 ) -> PyResult<Stream> {
     let mut config = config::config(config)?;
     config.camera = match config::camera(camera)? {
@@ -250,5 +350,6 @@ pub fn open_iterable(
     };
     config.validate()?;
     let options = Options { positions, provisional, ..Options::default() };
-    Stream::new(Feed::Iterable(Mutex::new(Iterable::new(items, config, options)?)), None)
+    let latest = images.then(Arc::<Latest>::default);
+    Stream::new(Feed::Iterable(Mutex::new(Iterable::new(items, config, options, latest.clone())?)), None, latest, None, None)
 }

@@ -13,6 +13,7 @@ use crate::physics::between;
 use crate::physics::contact::Contact;
 use crate::physics::gravity::Gravity;
 use crate::physics::law::{FreeFallWithDrag, State};
+use crate::scene::level::Level;
 use crate::scene::plane::Up;
 use crate::scene::surfaces::Surfaces;
 use crate::track::Measurement;
@@ -40,6 +41,8 @@ pub struct Reasoning {
     gravity: Gravity,
     /// What flights alone have shown, its size kept, and how many.
     measured: (Gravity, u32),
+    /// The accelerometer's, in the world.
+    level: Option<Level>,
     noise: Noise,
     tracks: Vec<Track, TRACKS>,
     surfaces: Surfaces,
@@ -55,7 +58,7 @@ pub struct Reasoning {
 impl Reasoning {
     /// `camera` is the one that sees the objects; `None` where positions come from elsewhere.
     pub fn new(config: &Config, camera: Option<&Camera>) -> Self {
-        let pose = world_of(camera);
+        let pose = camera.map_or(Pose { rotation: Mat3::identity(), translation: Vec3::zeros() }, Camera::world);
         let vector = Vec3::from(config.laws.gravity);
         let pose_is_known = camera.is_none_or(|c| c.pose.is_some());
         let tilted = config.camera_assumption(pose_is_known) != CameraAssumption::Static;
@@ -65,6 +68,7 @@ impl Reasoning {
             pose,
             gravity: if tilted { Gravity::of_known_size(vector) } else { Gravity::known(vector) },
             measured: (Gravity { mean: vector, information: Mat3::from_diagonal_element(1e-4), size: None }, 0),
+            level: camera.and_then(|c| c.gravity).and_then(|gravity| Level::new(&(pose.rotation * gravity))),
             noise: Noise::new(config.tracking.position_sd),
             tracks: Vec::new(),
             surfaces: Surfaces::new(&config.environment, config.assume.scene == SceneAssumption::Known),
@@ -306,9 +310,4 @@ impl Reasoning {
 fn proper(mut m: Measurement) -> Measurement {
     m.covariance = m.covariance.filter(|c| c.cholesky().is_some());
     m
-}
-
-/// The world of a stream: that of the configured pose; else the camera's axes renamed; for positions, their own.
-fn world_of(camera: Option<&Camera>) -> Pose {
-    camera.map_or(Pose { rotation: Mat3::identity(), translation: Vec3::zeros() }, |c| c.pose.unwrap_or_else(Pose::renamed_axes))
 }

@@ -3,7 +3,7 @@
 use super::Reasoning;
 use crate::config::Method;
 use crate::event::{self, Event, Kind};
-use crate::math::{Vec3, atan2, rows, sqrt};
+use crate::math::{Mat3, Vec3, atan2, rows, sqrt};
 use crate::physics::contact::{Contact, RESTITUTION};
 use crate::physics::flight::Flight;
 use crate::physics::inconsistency::Inconsistency;
@@ -102,6 +102,23 @@ impl Reasoning {
             flights: self.measured.1,
         };
         self.last_orientation += 1;
+        self.emit(None, true, told, sink);
+        self.tell_level(&covariance, sink);
+    }
+
+    /// Whether the accelerometer agrees with all flights so far.
+    fn tell_level(&mut self, covariance: &Mat3, sink: &mut dyn FnMut(Event)) {
+        let (gravity, flights) = (self.measured.0.mean, self.measured.1);
+        let found = self.level.as_mut().and_then(|level| level.test(&gravity, covariance, self.config.laws.false_alarm));
+        let (Some(found), Some(told)) = (found, self.camera.and_then(|camera| camera.gravity)) else { return };
+        let told = event::LevelDisagreement {
+            gravity_in_camera: (self.pose.rotation.transpose() * gravity).into(),
+            gravity_by_accelerometer: told.into(),
+            angle: found.angle,
+            sd: found.sd,
+            p_value: found.p_value,
+            flights,
+        };
         self.emit(None, true, told, sink);
     }
 

@@ -1,19 +1,25 @@
 //! One stream from its first input to its last event: the engine, what the user wants to hear of it, and where it stops.
 
+mod picture;
+mod queue;
 mod reader;
+mod step;
 
-pub use reader::{Next, Reader, Step};
+pub use picture::{Latest, Picture, Samples};
+pub use reader::{Next, Reader};
+pub use step::Step;
 
 use crate::config::Config;
 use crate::engine::{Engine, Sink};
 use crate::error::ConfigError;
-use crate::event::{CameraModel, Counters, EndReason, Event, Kind, StreamEnded, StreamStarted};
+use crate::event::{CameraModel, Counters, Disconnected, EndReason, Event, Kind, Reconnected, StreamEnded, StreamStarted};
 use crate::geometry::camera::Camera;
 use crate::reasoning::Predictor;
-use crate::seeing::SeeError;
+use crate::seeing::{Image, SeeError};
 use crate::source::{Input, Source};
 use crate::time::seconds_between;
 use std::boxed::Box;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// What is told, and how much is read.
@@ -27,6 +33,8 @@ pub struct Options {
     pub frames: Option<u64>,
     /// Stop before the first input that is later than this after the first, s.
     pub duration: Option<f64>,
+    /// A live source waits for whoever listens instead of dropping what he is too slow for.
+    pub every_frame: bool,
 }
 
 /// The engine between `stream_started` and `stream_ended`.
@@ -38,7 +46,11 @@ pub struct Run {
     span_ns: Option<(i64, i64)>,
     told: u64,
     busy: Duration,
+    arrival_ns: Option<i64>,
     over: bool,
+    /// Where each image goes that somebody wants to look at.
+    latest: Option<Arc<Latest>>,
+    camera: Option<Camera>,
 }
 
 impl Run {
@@ -69,7 +81,23 @@ impl Run {
         let _ = name.chars().try_for_each(|c| source.push(c));
         let world_from_camera = engine.world_from_camera().to_rows();
         let started = StreamStarted { source, camera: camera.map(CameraModel::from), world_from_camera };
-        Self { engine, options, started, span_ns: None, told: 0, busy: Duration::ZERO, over: false }
+        Self {
+            engine,
+            options,
+            started,
+            span_ns: None,
+            told: 0,
+            busy: Duration::ZERO,
+            arrival_ns: None,
+            over: false,
+            latest: None,
+            camera: camera.copied(),
+        }
+    }
+
+    /// From now on the newest image is in `latest`, too.
+    pub fn show(&mut self, latest: Arc<Latest>) {
+        self.latest = Some(latest);
     }
 
     /// One input through the engine; its events go to `sink`. After the end nothing happens. Whether anything came of it: most packets
@@ -81,33 +109,56 @@ impl Run {
         if self.over {
             return Ok(false);
         }
-        let Self { engine, options, started, span_ns, told, .. } = self;
+        let Self { engine, options, started, span_ns, told, latest, camera, .. } = self;
+        let frame = latest.as_ref().map_or(0, |_| engine.counters().frames);
         let mut tell = |event: Event| tell(event, options, told, sink);
         // When the frame that the input is, or completes, was handed over; and whether it is later than wanted.
         let (mut begun, mut late) = (None, false);
-        let mut admit = |timestamp_ns: i64, sink: &mut Sink<'_>| {
+        let mut admit = |timestamp_ns: i64, image: Option<Image<'_>>, sink: &mut Sink<'_>| {
             let (first_ns, newest_ns) = span_ns.map_or((timestamp_ns, timestamp_ns), |(first, newest)| (first, newest.max(timestamp_ns)));
             late = options.duration.is_some_and(|duration| seconds_between(first_ns, timestamp_ns) > duration);
             if !late && span_ns.replace((first_ns, newest_ns)).is_none() {
                 sink(Event { timestamp_ns, track: None, is_final: true, kind: started.clone().into() });
             }
             begun = Some(Instant::now());
+            if let (Some(latest), Some(image), Some(camera), false) = (&latest, image, *camera, late) {
+                latest.put(timestamp_ns, frame, image, camera);
+            }
             !late
         };
+        let mut arrival = None;
         match input {
-            Input::Frame { timestamp_ns, image } if admit(timestamp_ns, &mut tell) => engine.frame(timestamp_ns, image, &mut tell)?,
-            Input::Positions { timestamp_ns, positions } if admit(timestamp_ns, &mut tell) => {
+            Input::Frame { timestamp_ns, image } if admit(timestamp_ns, Some(image), &mut tell) => {
+                engine.frame(timestamp_ns, image, &mut tell)?;
+            }
+            Input::Positions { timestamp_ns, positions } if admit(timestamp_ns, None, &mut tell) => {
                 engine.positions(timestamp_ns, positions, &mut tell);
             }
-            Input::Packet { bytes, arrival_ns } => engine.packet_if(bytes, arrival_ns, &mut admit, &mut tell)?,
-            Input::Frame { .. } | Input::Positions { .. } => {}
+            Input::Packet { bytes, arrival_ns } => {
+                arrival = Some(arrival_ns);
+                engine.packet_if(bytes, arrival_ns, &mut |stamp_ns, image, sink| admit(stamp_ns, Some(image), sink), &mut tell)?;
+            }
+            Input::Disconnected(reason) => return Ok(self.remark(Disconnected { reason }, sink)),
+            Input::Reconnected(reason) => {
+                engine.begin_anew();
+                return Ok(self.remark(Reconnected { reason }, sink));
+            }
+            Input::Silence | Input::Frame { .. } | Input::Positions { .. } => {}
         }
         let Some(begun) = begun else { return Ok(false) };
         self.busy += begun.elapsed();
+        self.arrival_ns = arrival;
         if late || self.options.frames.is_some_and(|frames| self.engine.counters().frames >= frames) {
             self.end(EndReason::Limit, sink);
         }
         Ok(true)
+    }
+
+    /// Tells what happened to the device, if the stream has begun.
+    fn remark(&mut self, kind: impl Into<Kind>, sink: &mut dyn FnMut(Event)) -> bool {
+        let Some((_, timestamp_ns)) = self.span_ns else { return false };
+        tell(Event { timestamp_ns, track: None, is_final: true, kind: kind.into() }, &self.options, &mut self.told, sink);
+        true
     }
 
     /// Makes everything final and tells that the stream is over, once. A stream that never began tells nothing.
@@ -128,6 +179,11 @@ impl Run {
         self.started.camera
     }
 
+    /// What is told, and how much is read.
+    pub fn options(&self) -> Options {
+        self.options
+    }
+
     /// Some input came.
     pub fn has_begun(&self) -> bool {
         self.span_ns.is_some()
@@ -146,6 +202,11 @@ impl Run {
     /// How long the engine worked, but for putting packets together. No event says it: they are the same on every machine.
     pub fn busy(&self) -> Duration {
         self.busy
+    }
+
+    /// When the packet arrived that completed the newest frame, ns on the host's clock; `None` where no packets come.
+    pub fn arrival_ns(&self) -> Option<i64> {
+        self.arrival_ns
     }
 
     /// Where each live track will be.

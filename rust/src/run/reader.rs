@@ -1,56 +1,18 @@
-//! A source on a thread of its own, so that whoever waits for events can stop waiting at any time, even while the source is silent.
+//! A source on a thread of its own, so that whoever waits for events can stop waiting at any time, even while the source is silent, and
+//! a live source loses nothing however slow he is.
 
-use super::Run;
-use crate::event::{Counters, EndReason, Event};
-use crate::reasoning::Predictor;
-use crate::seeing::SeeError;
+use super::queue::Queue;
+use super::{Run, Step};
+use crate::event::EndReason;
 use crate::source::{Input, Source, SourceError};
 use std::boxed::Box;
-use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::string::String;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::thread::JoinHandle;
 use std::time::Duration;
 use std::vec::Vec;
-
-/// So many inputs may be ahead of whoever listens; then a recording waits.
-const AHEAD: usize = 32;
-
-/// What one input brought.
-#[derive(Clone, Debug, Default)]
-pub struct Step {
-    /// Its events.
-    pub events: Vec<Event>,
-    /// The live tracks after it.
-    pub predictors: Vec<Predictor>,
-    /// What went through up to it.
-    pub counters: Counters,
-    /// How long the engine worked up to it.
-    pub busy: Duration,
-}
-
-impl Step {
-    /// One input through `run`; `None` where nothing came of it.
-    ///
-    /// # Errors
-    /// As of [`Run::push`].
-    pub fn input(run: &mut Run, input: Input<'_>) -> Result<Option<Self>, SeeError> {
-        let mut events = Vec::new();
-        let happened = run.push(input, &mut |event| events.push(event))?;
-        Ok(happened.then(|| Self::after(run, events)))
-    }
-
-    /// The end of `run`.
-    pub fn end(run: &mut Run, reason: EndReason) -> Self {
-        let mut events = Vec::new();
-        run.end(reason, &mut |event| events.push(event));
-        Self::after(run, events)
-    }
-
-    fn after(run: &Run, events: Vec<Event>) -> Self {
-        Self { events, predictors: run.predictors().collect(), counters: run.counters(), busy: run.busy() }
-    }
-}
 
 /// What waiting brought.
 #[derive(Debug)]
@@ -66,104 +28,144 @@ pub enum Next {
 /// A run whose source is read by a thread.
 pub struct Reader {
     shared: Arc<Shared>,
+    /// Of a live source, which must be let go of before another can have it.
+    live: Mutex<Option<JoinHandle<()>>>,
 }
 
+/// Whoever needs both locks takes that of `run` first.
 struct Shared {
-    state: Mutex<State>,
-    changed: Condvar,
+    run: Mutex<Run>,
+    queue: Mutex<Queue>,
+    /// Something can be handed out.
+    told: Condvar,
+    /// A recording may go on.
+    room: Condvar,
+    remarks: OnceLock<Vec<String>>,
+    /// The device is away, and awaited.
+    is_away: AtomicBool,
 }
 
-struct State {
-    run: Run,
-    steps: VecDeque<Step>,
-    outcome: Option<Result<(), SourceError>>,
-    remarks: Vec<String>,
+/// A panic elsewhere has been turned into an outcome, so the state may be used on.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Shared {
-    /// A panic elsewhere has been turned into an outcome, so the state may be used on.
-    fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl State {
-    fn end(&mut self, reason: EndReason) {
-        let step = Step::end(&mut self.run, reason);
-        self.steps.push_back(step);
+    /// Ends the run, unless it is over, and the stream with `outcome`, unless it has another.
+    fn end(&self, reason: Option<EndReason>, outcome: Result<(), SourceError>) {
+        let mut run = lock(&self.run);
+        let mut queue = lock(&self.queue);
+        if let Some(reason) = reason.filter(|_| !run.is_over()) {
+            queue.push(Step::end(&mut run, reason));
+        }
+        queue.outcome.get_or_insert(outcome);
+        self.told.notify_all();
+        self.room.notify_all();
     }
 }
 
 impl Reader {
-    /// Starts to read.
+    /// Starts to read. A recording waits for whoever listens, a live source only if `run` is to have every frame.
     pub fn spawn(mut source: Box<dyn Source>, run: Run) -> Self {
-        let state = Mutex::new(State { run, steps: VecDeque::new(), outcome: None, remarks: Vec::new() });
-        let shared = Arc::new(Shared { state, changed: Condvar::new() });
-        let theirs = Arc::clone(&shared);
-        std::thread::spawn(move || {
-            let outcome = catch_unwind(AssertUnwindSafe(|| read(&mut *source, &theirs))).unwrap_or(Err(SourceError::Panicked));
-            let mut state = theirs.lock();
-            state.remarks = source.remarks();
-            if !matches!(outcome, Err(SourceError::Panicked)) {
-                let reason = if outcome.is_ok() { EndReason::EndOfSource } else { EndReason::Disconnected };
-                state.end(reason);
-            }
-            state.outcome.get_or_insert(outcome);
-            theirs.changed.notify_all();
+        let is_live = source.is_live();
+        let waits = !is_live || run.options().every_frame;
+        let (run, queue) = (Mutex::new(run), Mutex::default());
+        let shared = Arc::new(Shared {
+            run,
+            queue,
+            told: Condvar::new(),
+            room: Condvar::new(),
+            remarks: OnceLock::new(),
+            is_away: AtomicBool::new(false),
         });
-        Self { shared }
+        let theirs = Arc::clone(&shared);
+        let thread = std::thread::spawn(move || {
+            let outcome = catch_unwind(AssertUnwindSafe(|| read(&mut *source, &theirs, waits))).unwrap_or(Err(SourceError::Panicked));
+            let _ = theirs.remarks.set(source.remarks());
+            drop(source);
+            let reason = match outcome {
+                Ok(()) => Some(EndReason::EndOfSource),
+                Err(SourceError::Panicked) => None,
+                Err(_) => Some(EndReason::Disconnected),
+            };
+            theirs.end(reason, outcome);
+        });
+        Self { shared, live: Mutex::new(is_live.then_some(thread)) }
     }
 
     /// Waits for the next step, at most `patience`.
     pub fn next(&self, patience: Duration) -> Next {
-        let idle = |state: &mut State| state.steps.is_empty() && state.outcome.is_none();
-        let (mut state, _) =
-            self.shared.changed.wait_timeout_while(self.shared.lock(), patience, idle).unwrap_or_else(PoisonError::into_inner);
-        if let Some(step) = state.steps.pop_front() {
-            self.shared.changed.notify_all();
+        let Shared { queue, told, room, .. } = &*self.shared;
+        let (mut queue, _) =
+            told.wait_timeout_while(lock(queue), patience, |queue| queue.is_idle()).unwrap_or_else(PoisonError::into_inner);
+        if let Some(step) = queue.pop() {
+            if queue.has_room() {
+                room.notify_all();
+            }
             return Next::Step(step);
         }
-        state.outcome.as_mut().map_or(Next::Silence, |outcome| Next::Over(core::mem::replace(outcome, Ok(()))))
+        queue.outcome.as_mut().map_or(Next::Silence, |outcome| Next::Over(core::mem::replace(outcome, Ok(()))))
     }
 
     /// What the user should know of the source, once it is over.
     pub fn remarks(&self) -> Vec<String> {
-        self.shared.lock().remarks.clone()
+        if lock(&self.shared.queue).outcome.is_some() {
+            self.release();
+        }
+        self.shared.remarks.get().cloned().unwrap_or_default()
+    }
+
+    /// Whether its device is away, and awaited.
+    pub fn is_away(&self) -> bool {
+        self.shared.is_away.load(Ordering::Relaxed)
+    }
+
+    /// Ends the stream now, and waits until its device, if it is one, can be had by others.
+    pub fn release(&self) {
+        self.interrupt();
+        if let Some(thread) = lock(&self.live).take() {
+            // It has no panic left to tell of.
+            let _ = thread.join();
+        }
     }
 
     /// Ends the stream now, even if its source is silent; the last events are still handed out.
     pub fn interrupt(&self) {
-        let mut state = self.shared.lock();
-        if state.outcome.is_none() {
-            state.end(EndReason::Interrupted);
-            state.outcome = Some(Ok(()));
-        }
-        self.shared.changed.notify_all();
+        self.shared.end(Some(EndReason::Interrupted), Ok(()));
     }
 }
 
 impl Drop for Reader {
-    /// Lets the thread go: it ends at its next input.
+    /// Lets the thread go: it ends at its next input, and a live source is never silent for long.
     fn drop(&mut self) {
-        self.interrupt();
+        self.release();
     }
 }
 
-fn read(source: &mut dyn Source, shared: &Shared) -> Result<(), SourceError> {
+fn read(source: &mut dyn Source, shared: &Shared, waits: bool) -> Result<(), SourceError> {
     while let Some(input) = source.next_input()? {
-        let full = |state: &mut State| state.steps.len() >= AHEAD && state.outcome.is_none();
-        let mut state = shared.changed.wait_while(shared.lock(), full).unwrap_or_else(PoisonError::into_inner);
-        if state.outcome.is_some() {
+        if let Input::Disconnected(_) | Input::Reconnected(_) = input {
+            shared.is_away.store(matches!(input, Input::Disconnected(_)), Ordering::Relaxed);
+        }
+        let mut run = lock(&shared.run);
+        if run.is_over() {
             return Ok(());
         }
-        let Some(step) = Step::input(&mut state.run, input)? else { continue };
-        state.steps.push_back(step);
-        shared.changed.notify_all();
-        if state.run.is_over() {
+        let Some(step) = Step::input(&mut run, input)? else { continue };
+        let mut queue = lock(&shared.queue);
+        if queue.push(step) {
+            shared.told.notify_all();
+        }
+        if run.is_over() {
             return Ok(());
+        }
+        drop(run);
+        if waits && queue.is_full() {
+            let wait = |queue: &mut Queue| !queue.has_room() && queue.outcome.is_none();
+            drop(shared.room.wait_while(queue, wait));
         }
     }
-    if shared.lock().run.has_begun() { Ok(()) } else { Err(SourceError::Empty { source_name: source.name().into() }) }
+    if lock(&shared.run).has_begun() { Ok(()) } else { Err(SourceError::Empty { source_name: source.name().into() }) }
 }
 
 #[cfg(test)]

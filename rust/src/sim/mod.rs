@@ -4,6 +4,7 @@
 
 pub mod body;
 pub mod impact;
+pub mod kinect;
 mod many;
 pub mod noise;
 pub mod packets;

@@ -1,4 +1,4 @@
-//! A scene as the packets that a Kinect sends: one a microframe, 242 a frame and empty ones between frames.
+//! A scene as the packets that a Kinect sends: one a microframe, 242 a frame (220 of 10 bits) and empty ones between frames.
 
 use super::scene::{Frames, Scene};
 use super::sensor::{BASELINE, FOCAL, RAW_AT_INFINITY};
@@ -30,6 +30,8 @@ pub fn zero_plane() -> ZeroPlane {
 #[derive(Clone, Debug)]
 pub struct Packets {
     frames: Frames,
+    is_endless: bool,
+    packing: Packing,
     packed: Vec<u8>,
     packet: Vec<u8>,
     /// Of the present frame: its stamp, the sequence of its first packet, and the next packet.
@@ -48,7 +50,9 @@ impl Packets {
         let packing = Packing::Eleven;
         Self {
             frames: scene.frames(),
-            packed: std::vec![0; packing.frame_bytes()],
+            is_endless: false,
+            packing,
+            packed: Vec::new(),
             packet: Vec::new(),
             ticks: 0,
             base: 0,
@@ -58,12 +62,25 @@ impl Packets {
         }
     }
 
+    /// As of [`Packets::new`]; after the last frame the scene begins again, while sequence and time go on.
+    pub fn endless(scene: &Scene) -> Self {
+        Self { is_endless: true, ..Self::new(scene) }
+    }
+
+    /// How frames are packed from the next one on. In 10 bits the lowest of the 11 is missing.
+    pub fn set_packing(&mut self, packing: Packing) {
+        if self.packing != packing {
+            self.packing = packing;
+            self.next = Packing::Eleven.packets();
+        }
+    }
+
     /// The next packet, all of it, and when it arrives on the host's clock, ns; `None` after the last frame.
     pub fn next_packet(&mut self) -> Option<(&[u8], i64)> {
-        let last = Packing::Eleven.packets() - 1;
-        if self.next > last {
+        if self.next >= self.packing.packets() {
             self.next_frame()?;
         }
+        let last = self.packing.packets() - 1;
         let arrival_ns = HOST_NS + (self.microframe / TRANSFER + 1) * TRANSFER * MICROFRAME_NS;
         self.microframe += 1;
         self.packet.clear();
@@ -87,9 +104,17 @@ impl Packets {
 
     /// Renders the next frame and awaits its first microframe.
     fn next_frame(&mut self) -> Option<()> {
-        let packing = Packing::Eleven;
+        let packing = self.packing;
+        if self.is_endless {
+            self.frames.begin_again_at_end();
+        }
         let frame = self.frames.next_frame()?;
-        packing.pack(frame.samples, &mut self.packed).ok()?;
+        self.packed.resize(packing.frame_bytes(), 0);
+        match packing {
+            Packing::Eleven => packing.pack(frame.samples, &mut self.packed),
+            Packing::Ten => packing.pack(&frame.samples.iter().map(|sample| sample >> 1).collect::<Vec<u16>>(), &mut self.packed),
+        }
+        .ok()?;
         self.ticks = frame.ticks;
         // Frames that were lost had their sequence numbers, too.
         self.base = (frame.number * packing.packets() as u64) as u8;

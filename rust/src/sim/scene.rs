@@ -130,7 +130,7 @@ impl Scene {
         let p = &self.truth.parameters;
         let errors = Errors { sigma: p.sigma, window: p.window as usize, white: p.white };
         let sensor = Sensor::new(self.sight, errors, &self.stage.solids, self.sensor_seed);
-        Frames { scene: self.clone(), sensor, samples: std::vec![0; self.sight.width * self.sight.height], next: 0 }
+        Frames { scene: self.clone(), sensor, samples: std::vec![0; self.sight.width * self.sight.height], next: 0, passed: (0, 0) }
     }
 
     /// Positions of all balls at `rate_hz`, in the order of time, each coordinate with independent noise of `sd`, m; whether the camera sees them or not.
@@ -153,6 +153,8 @@ pub struct Frames {
     sensor: Sensor,
     samples: Vec<u16>,
     next: usize,
+    /// Number and ticks that are added, since the scene has begun again.
+    passed: (u64, u64),
 }
 
 impl Frames {
@@ -182,7 +184,18 @@ impl Frames {
                 *sample = if *sample == NO_DISPARITY { 0 } else { (units_per_metre / (c0 + c1 * f64::from(*sample))).round() as u16 };
             }
         }
-        Some(Frame { timestamp_ns: truth.timestamp_ns, ticks: ticks as u32, number, samples: &self.samples, truth })
+        let (number, ticks) = (number + self.passed.0, ticks + self.passed.1);
+        Some(Frame { timestamp_ns: stamp_ns(ticks), ticks: ticks as u32, number, samples: &self.samples, truth })
+    }
+
+    /// After the last frame, begins with the first again; number and time go on.
+    pub fn begin_again_at_end(&mut self) {
+        let [first, .., last] = &self.scene.shots[..] else { return };
+        if self.next == self.scene.shots.len() {
+            self.next = 0;
+            self.passed.0 += last.number + 1;
+            self.passed.1 += last.ticks - first.ticks + (TICKS / self.scene.truth.parameters.fps) as u64;
+        }
     }
 
     /// How many frames there are in all.
@@ -213,7 +226,19 @@ fn camera(p: &Parameters, focal_factor: f64, pose: Option<Pose>) -> Camera {
         Samples::Depth => DepthCode::Depth { units_per_metre: 1000.0 },
     };
     let focal = FOCAL * focal_factor;
-    Camera { width: 640, height: 480, fx: focal, fy: focal, cx: 319.5, cy: 239.5, code, max_depth: 10.0, readout: p.readout, pose }
+    Camera {
+        width: 640,
+        height: 480,
+        fx: focal,
+        fy: focal,
+        cx: 319.5,
+        cy: 239.5,
+        code,
+        max_depth: 10.0,
+        readout: p.readout,
+        pose,
+        gravity: None,
+    }
 }
 
 /// The stamp of unwrapped ticks, ns.

@@ -1,9 +1,10 @@
 //! What can be wrong with a source: what happened, the evidence, and what mends it.
 
-use super::KINDS;
+use super::{KINDS, RecordError};
 use crate::config_file::ConfigFileError;
 use crate::error::ConfigError;
 use crate::seeing::SeeError;
+use std::boxed::Box;
 use std::io;
 use std::string::String;
 
@@ -32,12 +33,16 @@ pub enum SourceError {
         /// Why not.
         why: String,
     },
-    /// No such device.
-    #[error("{source_name}: no Kinect found, and this version can't read live ones; without one, try `physinc run demo`")]
+    /// No device can be read.
+    #[error("{source_name}: this build reads no live Kinects (feature `usb`); without one, try `physinc run demo`")]
     NoDevice {
         /// What the user named.
         source_name: String,
     },
+    /// A device that can't be had, or was lost.
+    #[cfg(feature = "usb")]
+    #[error(transparent)]
+    Device(#[from] super::usb::DeviceError),
     /// The recording isn't what it should be.
     #[error("{source_name}: {what}")]
     Malformed {
@@ -58,6 +63,9 @@ pub enum SourceError {
     /// The camera can't be.
     #[error(transparent)]
     Camera(#[from] ConfigError),
+    /// It can't be recorded any longer.
+    #[error(transparent)]
+    Record(Box<RecordError>),
     /// A frame that is not its camera's.
     #[error(transparent)]
     Image(#[from] SeeError),
@@ -76,5 +84,14 @@ impl SourceError {
 
     pub(crate) fn malformed(source_name: &str, what: impl Into<String>) -> Self {
         Self::Malformed { source_name: source_name.into(), what: what.into() }
+    }
+}
+
+impl From<RecordError> for SourceError {
+    fn from(error: RecordError) -> Self {
+        match error {
+            RecordError::Source(error) => error,
+            error => Self::Record(Box::new(error)),
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! Recordings in the manner of libfreenect's fakenect: `INDEX.txt` and a PGM for each frame.
 
 use super::folder::{Index, check_size};
-use super::record::Sink;
+use super::recorder::Sink;
 use super::ticks::{self, Clock};
 use super::{Input, Source, SourceError, decimal};
 use crate::config::CameraConfig;
@@ -125,13 +125,14 @@ pub(super) struct FakenectFolder {
     index: File,
     header: String,
     bytes: Vec<u8>,
+    written: u64,
 }
 
 impl FakenectFolder {
     /// In `folder`, which exists and is empty.
     pub(super) fn create(folder: &Path, camera: &Camera) -> io::Result<Self> {
         let header = format!("P5 {} {} 65535\n", camera.width, camera.height);
-        Ok(Self { folder: folder.into(), index: File::create_new(folder.join(INDEX))?, header, bytes: Vec::new() })
+        Ok(Self { folder: folder.into(), index: File::create_new(folder.join(INDEX))?, header, bytes: Vec::new(), written: 0 })
     }
 
     /// A new file for a frame. As arrival counts the frame's own time; of frames of one stamp the later arrive a microsecond later.
@@ -160,7 +161,13 @@ impl Sink for FakenectFolder {
         file.write_all(&self.bytes)?;
         // What the index names is whole.
         name.push('\n');
-        self.index.write_all(name.as_bytes())
+        self.index.write_all(name.as_bytes())?;
+        self.written += (self.bytes.len() + name.len()) as u64;
+        Ok(())
+    }
+
+    fn bytes(&self) -> u64 {
+        self.written
     }
 
     fn finish(&mut self) -> io::Result<()> {

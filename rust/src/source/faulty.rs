@@ -1,12 +1,14 @@
 //! What happens to packets on a bad day, on purpose: a wrapper around any source of them.
 
-use super::{Faults, Input, Kinect, Source, SourceError};
+use super::{Faults, Input, Kinect, LatestVideo, Source, SourceError};
 use crate::geometry::camera::Camera;
 use crate::kinect::packet::{HEADER, Header, Place, Stream};
 use std::boxed::Box;
 use std::collections::VecDeque;
 use std::format;
 use std::string::String;
+use std::sync::Arc;
+use std::time::Duration;
 use std::vec::Vec;
 
 /// A packet that comes late comes after at most so many others.
@@ -177,6 +179,18 @@ impl Source for Faulty {
         self.source.kinect()
     }
 
+    fn is_live(&self) -> bool {
+        self.source.is_live()
+    }
+
+    fn video(&self) -> Option<Arc<LatestVideo>> {
+        self.source.video()
+    }
+
+    fn wait_for_return(&mut self, patience: Duration) {
+        self.source.wait_for_return(patience);
+    }
+
     fn remarks(&self) -> Vec<String> {
         let Injected { lost, empty, short, double, foreign, late, flipped } = self.injected;
         let own = format!(
@@ -191,7 +205,10 @@ impl Source for Faulty {
         while self.ready.is_empty() {
             let packet = match self.source.next_input()? {
                 Some(Input::Packet { bytes, arrival_ns }) => Arrived { bytes: bytes.into(), arrival_ns },
-                Some(_) => continue,
+                Some(Input::Silence) => return Ok(Some(Input::Silence)),
+                Some(Input::Disconnected(reason)) => return Ok(Some(Input::Disconnected(reason))),
+                Some(Input::Reconnected(reason)) => return Ok(Some(Input::Reconnected(reason))),
+                Some(Input::Frame { .. } | Input::Positions { .. }) => continue,
                 // Nothing comes after the late ones.
                 None if self.late.is_empty() => return Ok(None),
                 None => {

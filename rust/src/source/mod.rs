@@ -13,13 +13,18 @@ mod faults;
 mod faulty;
 mod folder;
 mod npz;
+mod npz_layout;
 mod npz_record;
 mod record;
+mod recorder;
 mod sidecar;
 #[cfg(feature = "sim")]
 mod simulated;
 mod ticks;
 mod tum;
+#[cfg(feature = "usb")]
+pub mod usb;
+mod video;
 
 pub use self::capture::Capture;
 pub use self::csv::Csv;
@@ -29,13 +34,16 @@ pub use fakenect::Fakenect;
 pub use faults::Faults;
 pub use faulty::{Faulty, Injected};
 pub use npz::Npz;
-pub use record::{RecordError, Recording};
+pub use record::{Recorded, Recording, Tape, Taped};
+pub use recorder::{RecordError, Recorder};
 #[cfg(feature = "sim")]
 pub use simulated::Simulated;
 pub use tum::Tum;
+pub use video::{LatestVideo, VideoImage};
 
 use crate::config::Config;
 use crate::config_file::ConfigFileError;
+use crate::event::{DisconnectReason, ReconnectReason};
 use crate::geometry::camera::Camera;
 use crate::kinect::calibration::ZeroPlane;
 use crate::kinect::disparity::Packing;
@@ -45,6 +53,8 @@ use crate::track::Measurement;
 use std::boxed::Box;
 use std::path::Path;
 use std::string::String;
+use std::sync::Arc;
+use std::time::Duration;
 use std::vec::Vec;
 
 /// One input.
@@ -71,6 +81,12 @@ pub enum Input<'a> {
         /// When it arrived, ns on the host's clock.
         arrival_ns: i64,
     },
+    /// Nothing came for a while; who reads may stop.
+    Silence,
+    /// The device is gone. It may come back, or an error follows.
+    Disconnected(DisconnectReason),
+    /// The device is back; its own clock began anew.
+    Reconnected(ReconnectReason),
 }
 
 /// What a source of packets knows of their Kinect.
@@ -95,6 +111,19 @@ pub trait Source: Send {
         None
     }
 
+    /// It goes on whether anyone reads or not, and is never silent for longer than 50 ms without saying [`Input::Silence`].
+    fn is_live(&self) -> bool {
+        false
+    }
+
+    /// Lets a device be away for so long, where it would otherwise end the stream.
+    fn wait_for_return(&mut self, _patience: Duration) {}
+
+    /// Where its newest video image is, if it has video.
+    fn video(&self) -> Option<Arc<LatestVideo>> {
+        None
+    }
+
     /// What the user should know of it so far, a line each.
     fn remarks(&self) -> Vec<String> {
         Vec::new()
@@ -108,7 +137,7 @@ pub trait Source: Send {
 }
 
 /// What can be opened, for messages.
-const KINDS: &str = "*.npz (depth frames), *.pcap or *.pcapng (usbmon captures of a Kinect, also .gz, .zst), a folder with INDEX.txt (fakenect) or depth.txt (TUM), *.csv or - (positions), sim:SCENE, demo";
+const KINDS: &str = "kinect, kinect:SERIAL, *.npz (depth frames), *.pcap or *.pcapng (usbmon captures of a Kinect, also .gz, .zst), a folder with INDEX.txt (fakenect) or depth.txt (TUM), *.csv or - (positions), sim:SCENE, demo";
 
 /// Opens what the user named. `camera` is a camera file that wins over those beside a recording; `[camera]` in `config` wins over both.
 ///
@@ -119,7 +148,10 @@ pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<
     if source == "-" {
         return Ok(Box::new(Csv::new("-", std::io::stdin(), radius)));
     }
-    if source == "kinect" || source.starts_with("kinect:") {
+    if is_kinect(source) {
+        #[cfg(feature = "usb")]
+        return Ok(Box::new(usb::Live::open(source, &camera_in_force(None, config, camera)?)?));
+        #[cfg(not(feature = "usb"))]
         return Err(SourceError::NoDevice { source_name: source.into() });
     }
     if let Some((packets, faults)) = with_faults(source) {
@@ -155,6 +187,11 @@ pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<
     }
 }
 
+/// Whether it names a live Kinect.
+fn is_kinect(source: &str) -> bool {
+    source.strip_prefix("kinect").is_some_and(|rest| rest.is_empty() || rest.starts_with([':', '?']))
+}
+
 /// The source and the faults that `CAPTURE?key=value&…` names, unless that is a file's own name, and `sim:SCENE?packets=true&…?key=value&…`.
 fn with_faults(source: &str) -> Option<(&str, &str)> {
     let (packets, faults) = source.rsplit_once('?')?;
@@ -171,7 +208,7 @@ pub fn camera_in_force(
     config: &Config,
     camera: Option<&Path>,
 ) -> Result<crate::config::CameraConfig, ConfigFileError> {
-    match (source, camera) {
+    match (source.filter(|source| !is_kinect(source)), camera) {
         (Some(source), _) => {
             let source = with_faults(source).map_or(source, |(capture, _)| capture);
             sidecar::in_force(Path::new(source), config, camera)

@@ -1,5 +1,6 @@
 //! Depth frames in numpy's `*.npz`, read one at a time.
 
+use super::npz_record::journal;
 use super::{Input, Source, SourceError};
 use crate::config::CameraConfig;
 use crate::geometry::camera::{Camera, DepthCode, KINECT_DISPARITY_LAW};
@@ -24,6 +25,8 @@ pub struct Npz {
     stamps: Entry,
     images: Entry,
     frames_left: u64,
+    /// How many frames are whole, of a recording that was cut off.
+    saved: Option<u64>,
     bytes: Vec<u8>,
     samples: Vec<u16>,
 }
@@ -37,29 +40,46 @@ impl Npz {
         let name = path.display().to_string();
         let file = File::open(path).map_err(|error| SourceError::unreadable(&name, error))?;
         let malformed = |what: String| SourceError::malformed(&name, what);
+        if let Ok(stamps) = File::open(journal(path)) {
+            let count = stamps.metadata().map_or(0, |file| file.len() / 8);
+            let (key, images) = Entry::first(file).map_err(malformed)?;
+            let mut new = Self::new(path, keys, key, images, Entry::bare(stamps, count))?;
+            (new.frames_left, new.saved) = (count, Some(count));
+            return Ok(new);
+        }
         let mut archive = ZipArchive::new(BufReader::new(file)).map_err(|error| {
             malformed(format!("no npz archive, or a cut one ({error}); np.savez(file, timestamps_ns=..., depth_mm=...) makes one"))
         })?;
         let has = |key: &str| archive.index_for_name(&format!("{key}.npy")).is_some();
-        let (key, code) = match (has("depth_mm"), has("disparity")) {
-            (true, false) => ("depth_mm", DepthCode::Depth { units_per_metre: 1000.0 }),
-            (false, true) => ("disparity", DepthCode::Disparity { law: KINECT_DISPARITY_LAW }),
+        let key = match (has("depth_mm"), has("disparity")) {
+            (true, false) => DEPTH,
+            (false, true) => DISPARITY,
             (true, true) => return Err(malformed("it has both `depth_mm` and `disparity`: one of them is expected".into())),
             (false, false) => {
                 let found: Vec<_> = archive.file_names().take(8).collect();
                 return Err(malformed(format!("neither `depth_mm` nor `disparity` in it, only {found:?}")));
             }
         };
-        let camera = Camera::from_config(keys, code)?;
         let images = Entry::open(path, &mut archive, key, TypeChar::Uint, 2).map_err(malformed)?;
         let stamps = Entry::open(path, &mut archive, "timestamps_ns", TypeChar::Int, 8).map_err(malformed)?;
+        if let (&[count], &[frames, _, _]) = (&*stamps.shape, &*images.shape)
+            && count != frames
+        {
+            return Err(malformed(format!("{count} timestamps_ns for {frames} frames of {key}: as many are expected")));
+        }
+        Self::new(path, keys, key, images, stamps)
+    }
+
+    fn new(path: &Path, keys: &CameraConfig, key: &str, images: Entry, stamps: Entry) -> Result<Self, SourceError> {
+        let name = path.display().to_string();
+        let malformed = |what: String| SourceError::malformed(&name, what);
+        let code =
+            if key == DEPTH { DepthCode::Depth { units_per_metre: 1000.0 } } else { DepthCode::Disparity { law: KINECT_DISPARITY_LAW } };
+        let camera = Camera::from_config(keys, code)?;
         let (&[count], &[frames, height, width]) = (&*stamps.shape, &*images.shape) else {
             let (stamps, images) = (&stamps.shape, &images.shape);
             return Err(malformed(format!("timestamps_ns is {stamps:?} and {key} {images:?}: [N] and [N, height, width] are expected")));
         };
-        if count != frames {
-            return Err(malformed(format!("{count} timestamps_ns for {frames} frames of {key}: as many are expected")));
-        }
         if (width, height) != (camera.width as u64, camera.height as u64) {
             return Err(malformed(format!(
                 "its frames are {width}×{height} px, the camera is {}×{}: tell width, height, fx, fy, cx, cy in {} or by --camera FILE",
@@ -69,7 +89,8 @@ impl Npz {
             )));
         }
         let pixels = camera.width * camera.height;
-        Ok(Self { name, camera, stamps, images, frames_left: frames, bytes: std::vec![0; 2 * pixels], samples: std::vec![0; pixels] })
+        let frames_left = count.min(frames);
+        Ok(Self { name, camera, stamps, images, frames_left, saved: None, bytes: std::vec![0; 2 * pixels], samples: std::vec![0; pixels] })
     }
 }
 
@@ -80,6 +101,16 @@ impl Source for Npz {
 
     fn camera(&self) -> Option<Camera> {
         Some(self.camera)
+    }
+
+    fn remarks(&self) -> Vec<String> {
+        let remark = |count| {
+            format!(
+                "its recording was cut off: {count} frames are whole; `physinc record {} WHOLE.npz` makes a whole file of them",
+                self.name
+            )
+        };
+        self.saved.map(remark).into_iter().collect()
     }
 
     fn next_input(&mut self) -> Result<Option<Input<'_>>, SourceError> {
@@ -100,13 +131,18 @@ impl Source for Npz {
     }
 }
 
+/// The arrays that frames may be in.
+const DEPTH: &str = "depth_mm";
+const DISPARITY: &str = "disparity";
+
 /// One array of the archive, with a file handle of its own so that several can be read side by side.
 struct Entry {
     key: &'static str,
     shape: Vec<u64>,
     big_endian: bool,
     content: CrcReader<Box<dyn Read + Send>>,
-    crc: u32,
+    /// Not known of what was cut off.
+    crc: Option<u32>,
 }
 
 /// The longest header that is believed.
@@ -129,6 +165,44 @@ impl Entry {
             CompressionMethod::Deflated => Box::new(BufReader::new(DeflateDecoder::new(stored))),
             method => return Err(format!("`{key}` is packed by {method}: np.savez and np.savez_compressed are read")),
         };
+        let new = Self::read_from(key, content, kind, size)?;
+        let claimed = new.shape.iter().try_fold(size, |bytes, &n| bytes.checked_mul(n));
+        if claimed.is_none_or(|claimed| entry.size() < claimed) {
+            let Self { shape, .. } = new;
+            return Err(format!("`{key}` claims the shape {shape:?}, but has only {} bytes: the file is cut or broken", entry.size()));
+        }
+        Ok(Self { crc: Some(entry.crc32()), ..new })
+    }
+
+    /// The array of frames of an archive whose end, and with it its directory, is missing: as the recorder writes it, it is the first.
+    fn first(mut file: File) -> Result<(&'static str, Self), String> {
+        let broken = |error: std::io::Error| format!("its recording was cut off at its very beginning ({error})");
+        let mut header = [0; 30];
+        file.read_exact(&mut header).map_err(broken)?;
+        let [name, extra] = [26, 28].map(|at| u16::from_le_bytes([header[at], header[at + 1]]));
+        let mut name = std::vec![0; name.into()];
+        file.read_exact(&mut name).map_err(broken)?;
+        file.seek_relative(extra.into()).map_err(broken)?;
+        let key = match &*name {
+            b"depth_mm.npy" => DEPTH,
+            b"disparity.npy" => DISPARITY,
+            name => {
+                return Err(format!("its recording was cut off, and it begins with {:?} instead of frames", String::from_utf8_lossy(name)));
+            }
+        };
+        // Nothing is unpacked before it is asked for: what follows the last whole frame may be no stream at all.
+        let content = Box::new(DeflateDecoder::new(BufReader::new(file)));
+        Ok((key, Self::read_from(key, content, TypeChar::Uint, 2)?))
+    }
+
+    /// Numbers without a header, as the recorder writes stamps.
+    fn bare(file: File, count: u64) -> Self {
+        let content = CrcReader::new(Box::new(BufReader::new(file)) as Box<dyn Read + Send>);
+        Self { key: "timestamps_ns", shape: std::vec![count], big_endian: false, content, crc: None }
+    }
+
+    /// The array that `content` begins with.
+    fn read_from(key: &'static str, content: Box<dyn Read + Send>, kind: TypeChar, size: u64) -> Result<Self, String> {
         let mut content = CrcReader::new(content);
         let header = read_header(&mut content).map_err(|error| format!("`{key}` is no numpy array ({error})"))?;
         let big_endian = match header.dtype() {
@@ -144,12 +218,7 @@ impl Entry {
         if header.order() == Order::Fortran {
             return Err(format!("`{key}` is in Fortran order: save np.ascontiguousarray({key})"));
         }
-        let shape = header.shape().to_vec();
-        let claimed = shape.iter().try_fold(size, |bytes, &n| bytes.checked_mul(n));
-        if claimed.is_none_or(|claimed| entry.size() < claimed) {
-            return Err(format!("`{key}` claims the shape {shape:?}, but has only {} bytes: the file is cut or broken", entry.size()));
-        }
-        Ok(Self { key, shape, big_endian, content, crc: entry.crc32() })
+        Ok(Self { key, shape: header.shape().to_vec(), big_endian, content, crc: None })
     }
 
     fn read(&mut self, buffer: &mut [u8]) -> Result<(), String> {
@@ -158,7 +227,11 @@ impl Entry {
 
     /// After the last element: all bytes must have been what the writer wrote.
     fn finish(&mut self) -> Result<(), String> {
-        if self.content.crc().sum() == self.crc { Ok(()) } else { Err(format!("`{}` fails its checksum: the file is broken", self.key)) }
+        if self.crc.is_none_or(|crc| crc == self.content.crc().sum()) {
+            Ok(())
+        } else {
+            Err(format!("`{}` fails its checksum: the file is broken", self.key))
+        }
     }
 }
 

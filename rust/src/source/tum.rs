@@ -2,7 +2,7 @@
 
 use super::depth_png::read_png;
 use super::folder::Index;
-use super::record::Sink;
+use super::recorder::Sink;
 use super::{Input, Source, SourceError, decimal};
 use crate::config::CameraConfig;
 use crate::geometry::camera::{Camera, DepthCode};
@@ -73,6 +73,7 @@ pub(super) struct TumFolder {
     size: [u32; 2],
     frames: u64,
     bytes: Vec<u8>,
+    written: u64,
 }
 
 impl TumFolder {
@@ -81,7 +82,14 @@ impl TumFolder {
         std::fs::create_dir(folder.join("depth"))?;
         let mut index = File::create_new(folder.join(INDEX))?;
         index.write_all(b"# depth maps\n# timestamp filename\n")?;
-        Ok(Self { folder: folder.into(), index, size: [camera.width as u32, camera.height as u32], frames: 0, bytes: Vec::new() })
+        Ok(Self {
+            folder: folder.into(),
+            index,
+            size: [camera.width as u32, camera.height as u32],
+            frames: 0,
+            bytes: Vec::new(),
+            written: 0,
+        })
     }
 }
 
@@ -99,11 +107,16 @@ impl Sink for TumFolder {
         writer.write_image_data(&self.bytes)?;
         writer.finish()?;
         file.flush()?;
+        self.written += file.get_ref().metadata()?.len();
         self.frames += 1;
         let (sign, size) = (if timestamp_ns < 0 { "-" } else { "" }, timestamp_ns.unsigned_abs());
         // What the index names is whole.
         let line = format!("{sign}{}.{:09} {name}\n", size / 1_000_000_000, size % 1_000_000_000);
         self.index.write_all(line.as_bytes())
+    }
+
+    fn bytes(&self) -> u64 {
+        self.written
     }
 
     fn finish(&mut self) -> io::Result<()> {

@@ -15,7 +15,8 @@ use super::clock::Clock;
 use super::frame::{Frame, PacketSet, erase, missing};
 use crate::event::Counters;
 use crate::kinect::disparity::Packing;
-use crate::kinect::packet::{DEPTH_PAYLOAD, Header, Packet, PacketError, Place, Stream};
+use crate::kinect::layout::Layout;
+use crate::kinect::packet::{Header, Packet, PacketError, Place};
 
 /// After so long without a packet the sequence no longer tells how many were lost, ns.
 pub const SILENCE_NS: i64 = 1_000_000_000;
@@ -26,7 +27,7 @@ const REACH: u8 = 128;
 /// The frame buffer has fewer bytes than a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BufferTooSmall {
-    /// [`Packing::frame_bytes`].
+    /// [`Layout::frame_bytes`].
     pub needed: usize,
 }
 
@@ -81,10 +82,10 @@ impl Current {
     }
 }
 
-/// Puts the packets of the depth endpoint together, in a buffer `B` that is the caller's (a slice, a vector).
+/// Puts the packets of an endpoint together, depth's where nothing else is said, in a buffer `B` that is the caller's (a slice, a vector).
 #[derive(Clone, Debug)]
-pub struct Assembler<B> {
-    packing: Packing,
+pub struct Assembler<B, L = Packing> {
+    packing: L,
     buffer: B,
     clock: Clock,
     counters: Counters,
@@ -99,12 +100,12 @@ pub struct Assembler<B> {
     newest_ns: Option<i64>,
 }
 
-impl<B: AsMut<[u8]>> Assembler<B> {
-    /// An assembler of frames packed as `packing`, in `buffer` of at least [`Packing::frame_bytes`].
+impl<B: AsMut<[u8]>, L: Layout> Assembler<B, L> {
+    /// An assembler of frames packed as `packing`, in `buffer` of at least [`Layout::frame_bytes`].
     ///
     /// # Errors
     /// A buffer that is too small.
-    pub fn new(packing: Packing, mut buffer: B) -> Result<Self, BufferTooSmall> {
+    pub fn new(packing: L, mut buffer: B) -> Result<Self, BufferTooSmall> {
         let needed = packing.frame_bytes();
         if buffer.as_mut().len() < needed {
             return Err(BufferTooSmall { needed });
@@ -124,8 +125,14 @@ impl<B: AsMut<[u8]>> Assembler<B> {
         self.empty
     }
 
-    /// Takes a packet of the depth endpoint that arrived at `arrival_ns` on the host's clock; a frame that it ends goes to `sink`.
-    pub fn push(&mut self, packet: &[u8], arrival_ns: i64, sink: &mut impl FnMut(Frame<'_>)) {
+    /// The device was away: its next packet is the first of another run of sequence and clock.
+    pub fn begin_anew(&mut self) {
+        (self.current, self.counted) = (None, None);
+        self.clock.begin_anew();
+    }
+
+    /// Takes a packet of the endpoint that arrived at `arrival_ns` on the host's clock; a frame that it ends goes to `sink`.
+    pub fn push(&mut self, packet: &[u8], arrival_ns: i64, sink: &mut impl FnMut(Frame<'_, L>)) {
         let (header, payload) = match Packet::new(packet).and_then(|packet| Ok((Header::parse(&packet)?, packet.payload()))) {
             Err(PacketError::Empty) => {
                 self.empty += 1;
@@ -134,7 +141,7 @@ impl<B: AsMut<[u8]>> Assembler<B> {
             Err(_) => return self.refuse(),
             Ok(valid) => valid,
         };
-        if header.stream != Stream::Depth || payload.len() != self.payload_bytes(header.place) {
+        if header.stream != L::STREAM || payload.len() != self.payload_bytes(header.place) {
             return self.refuse();
         }
         if self.newest_ns.is_some_and(|newest| arrival_ns.saturating_sub(newest) > SILENCE_NS) {
@@ -146,7 +153,7 @@ impl<B: AsMut<[u8]>> Assembler<B> {
     }
 
     /// Finds the frame and the place that a valid packet belongs to.
-    fn locate(&mut self, header: Header, payload: &[u8], arrival_ns: i64, sink: &mut impl FnMut(Frame<'_>)) {
+    fn locate(&mut self, header: Header, payload: &[u8], arrival_ns: i64, sink: &mut impl FnMut(Frame<'_, L>)) {
         let Some(current) = self.current else {
             if header.place == Place::First {
                 self.begin(header, payload);
@@ -206,7 +213,7 @@ impl<B: AsMut<[u8]>> Assembler<B> {
     fn fill(&mut self, index: u8, header: Header, payload: &[u8]) {
         let Some(current) = &mut self.current else { return };
         self.counters.packets_invalid += current.disown(index);
-        let start = usize::from(index) * DEPTH_PAYLOAD;
+        let start = usize::from(index) * L::PAYLOAD;
         let Some(place) = self.buffer.as_mut().get_mut(start..start + payload.len()) else { return };
         if current.present.contains(index) {
             if place == payload {
@@ -233,7 +240,7 @@ impl<B: AsMut<[u8]>> Assembler<B> {
     }
 
     /// Hands the current frame out and awaits the next right behind it.
-    fn deliver(&mut self, arrival_ns: i64, sink: &mut impl FnMut(Frame<'_>)) {
+    fn deliver(&mut self, arrival_ns: i64, sink: &mut impl FnMut(Frame<'_, L>)) {
         let Some(current) = self.current else { return };
         let (packing, packets) = (self.packing, self.packing.packets());
         let next = current.base.wrapping_add(packets as u8);
@@ -269,8 +276,8 @@ impl<B: AsMut<[u8]>> Assembler<B> {
 
     fn payload_bytes(&self, place: Place) -> usize {
         match place {
-            Place::Last => self.packing.frame_bytes() - (self.packing.packets() - 1) * DEPTH_PAYLOAD,
-            _ => DEPTH_PAYLOAD,
+            Place::Last => self.packing.frame_bytes() - (self.packing.packets() - 1) * L::PAYLOAD,
+            _ => L::PAYLOAD,
         }
     }
 

@@ -10,6 +10,10 @@ const TRUSTED: i64 = TICKS_PER_SECOND as i64;
 pub struct Clock {
     /// Unwrapped ticks that were seen at a time of arrival, ns.
     tie: Option<(i64, i64)>,
+    /// What is added to the device's readings.
+    offset: u32,
+    /// The device's clock began anew: the next reading may be anything.
+    anew: bool,
 }
 
 impl Clock {
@@ -17,10 +21,15 @@ impl Clock {
     /// × 50/3, rounded. Of all counts of wraps, the one nearest to the time of arrival: right while device and host agree to 35 s
     /// over the time since the last reading. Wild readings, over 1 s from where they should be, don't count: the time of arrival does.
     pub fn stamp_ns(&mut self, ticks: u32, arrival_ns: i64) -> i64 {
+        let mut ticks = ticks.wrapping_add(self.offset);
         let (unwrapped, expected) = match self.tie {
             None => (i64::from(ticks), i64::from(ticks)),
             Some((tied_ticks, tied_ns)) => {
                 let expected = tied_ticks.saturating_add((arrival_ns.saturating_sub(tied_ns) / 50).saturating_mul(3));
+                if core::mem::take(&mut self.anew) {
+                    self.offset = self.offset.wrapping_add((expected as u32).wrapping_sub(ticks));
+                    ticks = expected as u32;
+                }
                 let off = ticks.wrapping_sub(expected as u32) as i32;
                 (expected.saturating_add(off.into()), expected)
             }
@@ -30,6 +39,11 @@ impl Clock {
         }
         self.tie = Some((unwrapped, arrival_ns));
         nanoseconds(unwrapped)
+    }
+
+    /// The device was away: by the times of arrival its next reading goes on where the one before was, whatever it says.
+    pub fn begin_anew(&mut self) {
+        self.anew = true;
     }
 }
 
@@ -63,6 +77,18 @@ mod tests {
             assert!((wild - SECOND * 2 / 15).abs() < 600_000_000, "bit {bit}: {wild}");
             assert_eq!(read(&mut clock, 12_000_000, 5 + SECOND / 10), SECOND / 5, "bit {bit}");
         }
+    }
+
+    #[test]
+    fn a_device_that_was_away_goes_on_where_it_was() {
+        let mut clock = Clock::default();
+        assert_eq!(clock.stamp_ns(6_000_000, 0), SECOND / 10);
+        clock.begin_anew();
+        assert_eq!(clock.stamp_ns(77, 3 * SECOND), 31 * SECOND / 10, "when it arrived");
+        // From there by its own clock, however late it arrives.
+        assert_eq!(clock.stamp_ns(77 + 6_000_000, 4 * SECOND), 32 * SECOND / 10);
+        clock.begin_anew();
+        assert_eq!(clock.stamp_ns(u32::MAX, 100 * SECOND), (32 + 960) * SECOND / 10);
     }
 
     proptest! {

@@ -1,9 +1,9 @@
-//! A frame of packed disparity, and which of it is missing.
+//! A frame as it is packed, and which of it is missing.
 
 use core::ops::Range;
 
 use crate::kinect::disparity::Packing;
-use crate::kinect::packet::DEPTH_PAYLOAD;
+use crate::kinect::layout::Layout;
 
 /// Which of a frame's packets are here; a frame has fewer than 256.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -34,27 +34,27 @@ impl PacketSet {
     }
 }
 
-/// A depth frame as the device packs it. Missing samples are all ones: no reading.
+/// A frame as the device packs it. Missing samples are all ones: of depth, no reading.
 #[derive(Clone, Copy, Debug)]
-pub struct Frame<'a> {
+pub struct Frame<'a, L = Packing> {
     /// The last packet's time on the device's clock, ns. Where that packet is missing, that of the nearest before it that has one.
     pub timestamp_ns: i64,
     /// When its newest packet arrived, on the host's clock, ns.
     pub arrival_ns: i64,
-    /// [`Packing::frame_bytes`] bytes, for [`Packing::unpack`].
+    /// [`Layout::frame_bytes`] bytes, for [`Packing::unpack`].
     pub packed: &'a [u8],
     /// How it is packed.
-    pub packing: Packing,
+    pub packing: L,
     /// The packets that are in it.
     pub present: PacketSet,
     /// Packets lost since the frame that was handed out before, its own missing ones counted.
     pub lost: u64,
 }
 
-/// A frame's missing samples are so many ranges at most: every second packet of the longest frame.
+/// A depth frame's missing samples are so many ranges at most: every second packet of the longest frame.
 pub const MOST_HOLES: usize = Packing::Eleven.packets().div_ceil(2);
 
-impl Frame<'_> {
+impl<L: Layout> Frame<'_, L> {
     /// Whether every sample is the device's.
     pub fn is_whole(&self) -> bool {
         self.present.len() == self.packing.packets()
@@ -66,7 +66,7 @@ impl Frame<'_> {
     }
 }
 
-pub(super) fn missing(packing: Packing, present: PacketSet) -> impl Iterator<Item = Range<usize>> {
+pub(super) fn missing<L: Layout>(packing: L, present: PacketSet) -> impl Iterator<Item = Range<usize>> {
     let (packets, bits) = (packing.packets(), packing.bits());
     let mut next = 0;
     core::iter::from_fn(move || {
@@ -74,13 +74,13 @@ pub(super) fn missing(packing: Packing, present: PacketSet) -> impl Iterator<Ite
         let start = (next..packets).find(|index| !is_present(index))?;
         let end = (start..packets).find(is_present).unwrap_or(packets);
         next = end;
-        let bytes = start * DEPTH_PAYLOAD..(end * DEPTH_PAYLOAD).min(packing.frame_bytes());
+        let bytes = start * L::PAYLOAD..(end * L::PAYLOAD).min(packing.frame_bytes());
         Some(bytes.start * 8 / bits..(bytes.end * 8).div_ceil(bits))
     })
 }
 
 /// Sets the bits of `samples` to ones.
-pub(super) fn erase(packed: &mut [u8], packing: Packing, samples: &Range<usize>) {
+pub(super) fn erase<L: Layout>(packed: &mut [u8], packing: L, samples: &Range<usize>) {
     let (start, end) = (samples.start * packing.bits(), samples.end * packing.bits());
     let (first, last) = (start / 8, end / 8);
     // The bits of the byte at `start` from it on; of that at `end`, those before it.
