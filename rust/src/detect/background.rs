@@ -47,7 +47,7 @@ pub fn limit<S: Sample>(coding: &Coding, frames: u32, limits: &mut [u16], shown:
     // Neighbours show much the same.
     let mut known = [(NO_KEY, None); 64];
     let mut margin = |key: u16| {
-        let Some(last) = known.get_mut(usize::from(key % 64)) else { return None };
+        let last = known.get_mut(usize::from(key % 64))?;
         if last.0 != key {
             *last = (key, margin::<S>(key, coding, 0.0));
         }
