@@ -7,6 +7,9 @@ components, a sphere of known radius by least squares, a parabola through the la
 tracks, contacts); the ratio is what a user would notice. All run interleaved in one process, medians of 7, and every round goes through
 all frames, so that each comes from memory. Times are the processor's, of all threads, but for the engine's own.
 
+`whole`, `mixed`: packed bytes to positions as `cargo bench --bench speed` prints it for the same frames, in memcpys of its own run: every frame
+searched whole, as numpy and OpenCV do it, and as on a stream, where a tracked ball is looked for where it can be and the whole image
+searched every 0.1 s. Both with covariances, silhouettes included; without tracks and contacts, of which numpy and OpenCV have the parabola.
 `engine`: from a frame's last packet to its events, by the engine's own clock (`Stream.busy`): unpacking, seeing, tracking, reasoning.
 `stream`: `list(physinc.stream(capture))`: all of that, and reading the capture's file, putting packets together, events as Python objects,
 two threads that wait for each other. numpy and OpenCV are given each frame's packed bytes in one piece.
@@ -46,7 +49,7 @@ RADIUS = 0.033  # m
 RULERS = {
     "memcpy": ("memcpy",),
     "11 bits": ("memcpy", "11 bits: physinc.unpack_disparity"),
-    "chain": ("chain: physinc, stream", "chain: physinc, engine"),
+    "chain": ("chain: physinc, stream", "chain: physinc, engine", "chain: physinc, mixed", "chain: physinc, whole"),
 }
 BACKGROUND_FRAMES = 15
 MARGIN = 0.05  # m before the background
@@ -213,6 +216,16 @@ def simulated(scene: str, frames: int, folder: Path) -> tuple[Path, list[int], l
         return capture, recorded["timestamps_ns"].tolist(), [pack(frame) for frame in recorded["disparity"]], law
 
 
+def seeing(scene: str, frames: int) -> dict[str, float]:
+    """Packed bytes to positions by the bench in Rust, in memcpys."""
+    command = ["cargo", "bench", "--locked", "--bench", "speed", "--", scene]
+    lines = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    if f"sim:{scene}, {frames} frames" not in lines:
+        raise SystemExit(f"`{' '.join(command)}` has other frames than --frames {frames}")
+    names = {"whole": "mean of all frames, each whole", "mixed": "positions, mean of all, as on a stream"}
+    return {name: float(re.findall(rf"{line} +[0-9.]+ µs +([0-9.]+) memcpy", lines)[0]) for name, line in names.items()}
+
+
 def main() -> None:
     """Simulate, run all interleaved, print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -222,10 +235,10 @@ def main() -> None:
     cv2.setNumThreads(1)
     for scene in options.scenes:
         with tempfile.TemporaryDirectory() as folder:
-            measure(scene, *simulated(scene, options.frames, Path(folder)))
+            measure(scene, seeing(scene, options.frames), *simulated(scene, options.frames, Path(folder)))
 
 
-def measure(scene: str, capture: Path, stamps: list[int], packed: list[Array], law: list[float]) -> None:
+def measure(scene: str, seen: dict[str, float], capture: Path, stamps: list[int], packed: list[Array], law: list[float]) -> None:
     """Print the table of a scene."""
     frame = unpack(packed[0])
     copy = np.empty_like(frame)
@@ -243,6 +256,8 @@ def measure(scene: str, capture: Path, stamps: list[int], packed: list[Array], l
     unpacked = [unpack(one) for one in packed]
     for _ in range(ROUNDS):
         each("memcpy", lambda one: np.copyto(copy, one), unpacked)
+        for name, memcpys in seen.items():
+            times[f"chain: physinc, {name}"].append(memcpys * times["memcpy"][-1])
         each("11 bits: physinc.unpack_disparity", physinc.unpack_disparity, packed)
         each("11 bits: numpy, by columns", unpack, packed)
         each("11 bits: numpy, bit by bit", unpack_bits, packed[:10])

@@ -1,6 +1,7 @@
-//! Time of packed bytes to ball positions on one core, beside a memcpy of one frame in the same run; rounds interleaved, medians of 7.
+//! Time of packed bytes to ball positions on one core, beside a memcpy of one frame in the same run: `cargo bench --bench speed -- [SCENE …]`.
 //!
-//! Every round goes through all frames of the scene, so that each frame comes from memory rather than from a cache, for memcpy as for us.
+//! Rounds are interleaved, and each goes through all frames of the scene, so that every frame comes from memory rather than from a cache, for
+//! memcpy as for us. Of each frame the median of 7 rounds counts, of these the mean: what else the machine does meanwhile counts little.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -45,27 +46,24 @@ fn median(mut times: Vec<f64>) -> f64 {
     times[times.len() / 2]
 }
 
-/// Mean time of what is counted, µs.
+/// Times of what is counted, µs: in each round the same calls in the same order.
 #[derive(Default)]
-struct Clock {
-    sum: f64,
-    calls: u32,
-}
+struct Clock(Vec<f64>);
 
 impl Clock {
     fn add(&mut self, time: f64) {
-        self.sum += time;
-        self.calls += 1;
+        self.0.push(time);
     }
 
     fn time(&mut self, work: impl FnOnce()) {
-        let time = microseconds(work);
-        self.add(time);
+        self.add(microseconds(work));
     }
+}
 
-    fn mean(&self) -> f64 {
-        self.sum / f64::from(self.calls)
-    }
+/// Mean over the calls of their medians over the rounds, µs.
+fn mean(rounds: &[&[f64]]) -> f64 {
+    let calls = rounds[0].len();
+    (0..calls).map(|call| median(rounds.iter().map(|round| round[call]).collect())).sum::<f64>() / calls as f64
 }
 
 type Detections = heapless::Vec<Detection, 16>;
@@ -95,9 +93,9 @@ fn measurement(time_ns: i64, detection: &Detection, reasoning: &Reasoning) -> Me
 }
 
 /// Names and times of one round, µs.
-fn round(frames: &[Frame], camera: &Camera, config: &Config) -> Vec<(&'static str, f64)> {
-    let (mut memcpy, mut unpack, mut idle, mut full, mut tracked, mut tracking, mut engine_time) =
-        (Clock::default(), Clock::default(), Clock::default(), Clock::default(), Clock::default(), Clock::default(), Clock::default());
+fn round(frames: &[Frame], camera: &Camera, config: &Config) -> [(&'static str, Vec<f64>); 9] {
+    let [mut memcpy, mut unpack, mut idle, mut full, mut all_whole, mut tracked, mut tracking, mut all, mut engine_time] =
+        std::array::from_fn(|_| Clock::default());
     let mut copy = frames[0].samples.clone();
     for frame in frames {
         memcpy.time(|| black_box(&mut copy).copy_from_slice(black_box(&frame.samples)));
@@ -110,6 +108,7 @@ fn round(frames: &[Frame], camera: &Camera, config: &Config) -> Vec<(&'static st
     for (i, frame) in frames.iter().enumerate() {
         let learned = i > config.tracking.background_frames as usize;
         let time = microseconds(|| whole.see(frame.image(), &mut detections).expect("the camera's image"));
+        all_whole.add(time);
         if one_ball(&detections) {
             full.add(time);
         } else if learned && detections.is_empty() {
@@ -124,6 +123,7 @@ fn round(frames: &[Frame], camera: &Camera, config: &Config) -> Vec<(&'static st
             let scope = Scope { bands: &bands, ..Scope::default() };
             everywhere = near.see_in(frame.image(), scope, &mut detections).expect("the camera's image");
         });
+        all.add(time);
         if reasoning.tracks() == 1 && one_ball(&detections) {
             tracking.add(time);
             if !everywhere {
@@ -146,16 +146,18 @@ fn round(frames: &[Frame], camera: &Camera, config: &Config) -> Vec<(&'static st
         ("packed → position, whole frame", full),
         ("packed → position, tracked", tracked),
         ("the same, mean while tracking", tracking),
-        ("packed → events, mean of all", engine_time),
+        ("packed → positions, mean of all frames, each whole", all_whole),
+        ("packed → positions, mean of all, as on a stream", all),
+        ("packed → events, mean of all, as on a stream", engine_time),
     ]
-    .map(|(name, clock)| (name, clock.mean()))
-    .into()
+    .map(|(name, clock)| (name, clock.0))
 }
 
 fn main() {
     let config = Config::default();
-    for name in SCENES {
-        let scene = Scene::parse(name).expect("a scene");
+    let asked: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with('-')).collect();
+    for name in if asked.is_empty() { SCENES.map(str::to_owned).into() } else { asked } {
+        let scene = Scene::parse(&name).expect("a scene");
         let camera = scene.camera();
         let (mut source, mut frames) = (scene.frames(), Vec::new());
         while let Some(frame) = source.next_frame()
@@ -166,11 +168,10 @@ fn main() {
             frames.push(Frame { timestamp_ns: frame.timestamp_ns, samples: frame.samples.to_vec(), packed });
         }
         let rounds: Vec<_> = (0..ROUNDS).map(|_| round(&frames, &camera, &config)).collect();
-        println!("sim:{name}, {} frames, one core, medians of {ROUNDS} interleaved rounds", frames.len());
+        println!("sim:{name}, {} frames, one core, {ROUNDS} interleaved rounds", frames.len());
+        let of = |row: usize| mean(&rounds.iter().map(|round: &[(_, Vec<f64>); 9]| &*round[row].1).collect::<Vec<_>>());
         for (row, (name, _)) in rounds[0].iter().enumerate() {
-            let time = median(rounds.iter().map(|round| round[row].1).collect());
-            let ratio = median(rounds.iter().map(|round| round[row].1 / round[0].1).collect());
-            println!("{name:32} {time:8.1} µs  {ratio:6.2} memcpy");
+            println!("{name:52} {:8.1} µs  {:6.2} memcpy", of(row), of(row) / of(0));
         }
         println!();
     }
@@ -196,8 +197,8 @@ fn reasoning_alone(config: &Config) {
                 };
                 clock.time(|| engine.positions(one.time_ns, &[one], &mut |event| drop(black_box(event))));
             }
-            clock.mean()
+            clock.0
         })
-        .collect();
-    println!("a position through Engine {:8.1} µs", median(times));
+        .collect::<Vec<_>>();
+    println!("a position through Engine {:8.1} µs", mean(&times.iter().map(|times| &**times).collect::<Vec<_>>()));
 }

@@ -4,7 +4,7 @@
 
 #![allow(clippy::inline_always)] // So that loops are compiled for the registers of `widest`.
 
-use super::foreground::{Coding, Sample, first_key_beyond, key_at};
+use super::foreground::{Coding, NO_KEY, Sample, first_key_beyond, key_at};
 use super::noise::Noise;
 use crate::simd::widest;
 use core::ops::Range;
@@ -28,20 +28,34 @@ pub type Stranger = [u16; 2];
 /// single wild reading is left out. Both slices hold key + 1, and 0 where there was no reading.
 pub fn learn<S: Sample>(samples: &[S], coding: &Coding, second: &mut [u16], farthest: &mut [u16]) {
     let beyond = first_key_beyond::<S>(coding);
-    for ((sample, second), farthest) in samples.iter().zip(second).zip(farthest) {
-        let key = sample.key(coding);
-        let key = if key < beyond { key + 1 } else { 0 };
-        *second = (*second).max(key.min(*farthest));
-        *farthest = (*farthest).max(key);
-    }
+    widest(
+        #[inline(always)]
+        || {
+            for ((sample, second), farthest) in samples.iter().zip(second).zip(farthest) {
+                let key = sample.key(coding);
+                let key = if key < beyond { key + 1 } else { 0 };
+                *second = (*second).max(key.min(*farthest));
+                *farthest = (*farthest).max(key);
+            }
+        },
+    );
 }
 
 /// Turns what `frames` frames taught into limits and shown keys: both behind everything where there was nothing.
 pub fn limit<S: Sample>(coding: &Coding, frames: u32, limits: &mut [u16], shown: &mut [u16]) {
     let beyond = first_key_beyond::<S>(coding);
+    // Neighbours show much the same.
+    let mut known = [(NO_KEY, None); 64];
+    let mut margin = |key: u16| {
+        let Some(last) = known.get_mut(usize::from(key % 64)) else { return None };
+        if last.0 != key {
+            *last = (key, margin::<S>(key, coding, 0.0));
+        }
+        last.1
+    };
     for (second, farthest) in limits.iter_mut().zip(shown) {
         let learned = if frames < 3 { *farthest } else { *second };
-        let background = learned.checked_sub(1).and_then(|key| Some((key, margin::<S>(key, coding, 0.0)?)));
+        let background = learned.checked_sub(1).and_then(|key| Some((key, margin(key)?)));
         (*second, *farthest) = background.map_or((beyond, beyond), |(key, margin)| (key.saturating_sub(margin), key));
     }
 }

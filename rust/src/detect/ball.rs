@@ -10,7 +10,7 @@ use super::equations::{Equations, Normal};
 use super::foreground::{Frame, Sample};
 use super::noise::{Factors, Noise};
 use super::patch::{Patch, Surface};
-use super::window::{CELLS, Plane, moments, products, square};
+use super::window::{CELLS, Plane, dot, moments, products};
 use super::{Blob, Detection};
 use crate::geometry::camera::Camera;
 use crate::math::{Mat3, Vec3, sqrt, symmetric};
@@ -124,7 +124,7 @@ impl<S: Sample> View<'_, S> {
         let mut whole_cap = Linear::new(grid, [right, down, along, pattern, residual]);
         let mut outline = Linear::new(grid, planes(outline, cells));
         let evidence = self.compare(patch, guess, &surface, readings, &mut whole_cap, &mut outline);
-        let (constant, gradient) = (square(whole_cap.residual), moments(whole_cap.planes(), whole_cap.residual));
+        let (constant, gradient) = (dot(whole_cap.residual, whole_cap.residual), moments(whole_cap.planes(), whole_cap.residual));
         whole_cap.thin::<THIN>(grid, &mut cap, [offset_square, readings]);
 
         let blocks = f64::from(cap.jacobian[2].iter().map(|along| u32::from(*along != 0.0)).sum::<u32>().max(1));

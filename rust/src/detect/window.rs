@@ -244,21 +244,14 @@ pub fn products(a: [&Plane; 4], b: [&Plane; 4]) -> Products {
 /// Σ a · b.
 #[inline(always)]
 pub fn moments(a: [&Plane; 4], b: &Plane) -> SVector<f64, 4> {
-    let [mut right, mut down, mut along, mut pattern] = [[0.0_f32; WIDE]; 4];
-    let a = a.map(|plane| plane.as_chunks::<WIDE>().0);
-    for ((((a0, a1), a2), a3), b) in a[0].iter().zip(a[1]).zip(a[2]).zip(a[3]).zip(b.as_chunks::<WIDE>().0) {
-        right = core::array::from_fn(|k| right[k] + a0[k] * b[k]);
-        down = core::array::from_fn(|k| down[k] + a1[k] * b[k]);
-        along = core::array::from_fn(|k| along[k] + a2[k] * b[k]);
-        pattern = core::array::from_fn(|k| pattern[k] + a3[k] * b[k]);
-    }
-    [right, down, along, pattern].map(|sum| sum.iter().map(|sum| f64::from(*sum)).sum()).into()
+    [dot(a[0], b), dot(a[1], b), dot(a[2], b), dot(a[3], b)].into()
 }
 
-/// Σ a².
+/// Σ a · b.
 #[inline(always)]
-pub fn square(a: &Plane) -> f64 {
-    let sum = a.as_chunks::<WIDE>().0.iter().fold([0.0_f32; WIDE], |sum, a| core::array::from_fn(|k| sum[k] + a[k] * a[k]));
+pub fn dot(a: &Plane, b: &Plane) -> f64 {
+    let chunks = a.as_chunks::<WIDE>().0.iter().zip(b.as_chunks::<WIDE>().0);
+    let sum = chunks.fold([0.0_f32; WIDE], |sum, (a, b)| core::array::from_fn(|k| sum[k] + a[k] * b[k]));
     sum.iter().map(|sum| f64::from(*sum)).sum()
 }
 

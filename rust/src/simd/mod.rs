@@ -60,6 +60,21 @@ pub fn widest<R>(work: impl FnOnce() -> R) -> R {
     work()
 }
 
+/// Asks memory for `cells`, which are read soon: only a hint, and none where the language has no such instruction.
+#[inline]
+pub fn fetch<T>(cells: &[T]) {
+    #[cfg(target_arch = "x86_64")]
+    for line in cells.chunks((LINE / size_of::<T>().max(1)).max(1)) {
+        // SAFETY: every x86-64 has it, and a hint reads nothing.
+        unsafe { core::arch::x86_64::_mm_prefetch::<{ core::arch::x86_64::_MM_HINT_T0 }>(line.as_ptr().cast()) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (cells, LINE);
+}
+
+/// Bytes that come from memory together.
+const LINE: usize = 64;
+
 /// Unpacks samples of `BITS` (10 or 11) bits: each of `groups` is 8 of them, in `BITS` bytes of `packed`, most significant bit first. Returns
 /// which of `groups` it has done: those at the ends may be left, as may all. Both slices begin with group 0.
 #[inline]

@@ -1,0 +1,69 @@
+//! What is there without a ball: learned at first, then followed.
+
+use super::image::Source;
+use super::{Buffers, Seeing};
+use crate::detect::background::{self, ROUND};
+use crate::detect::ball::Found;
+use crate::detect::foreground::{Sample, first_key_beyond};
+use crate::geometry::camera::Camera;
+use core::ops::Range;
+use heapless::Vec;
+
+impl Seeing<'_> {
+    /// Learns the background of a frame; false where it is known.
+    pub(super) fn learns<S: Sample>(&mut self, source: &mut impl Source<S>) -> bool {
+        let pixels = self.camera.width * self.camera.height;
+        let Buffers { limits, farthest, .. } = &mut self.buffers;
+        let (Some(limits), Some(farthest)) = (limits.get_mut(..pixels), farthest.get_mut(..pixels)) else { return true };
+        if self.seen == 0 {
+            limits.fill(0);
+            farthest.fill(0);
+        }
+        let learning = self.seen < self.background_frames;
+        if learning {
+            (0..self.camera.height).for_each(|row| _ = source.part(row, 0..self.camera.width));
+            background::learn(source.samples(), &self.coding, limits, farthest);
+        }
+        if self.seen == self.background_frames {
+            background::limit::<S>(&self.coding, self.background_frames, limits, farthest);
+            if let Some((environment, pose)) = &self.environment {
+                for (index, (limit, shown)) in limits.iter_mut().zip(farthest).enumerate() {
+                    let ray = self.camera.deproject((index % self.camera.width) as f64, (index / self.camera.width) as f64, 1.0);
+                    if let Some(z) = environment.cast(&pose.translation, &(pose.rotation * ray), self.camera.max_depth) {
+                        background::know::<S>(&self.coding, z, limit, shown);
+                    }
+                }
+            }
+            self.buffers.strangers.fill([0; 2]);
+        }
+        self.seen = self.seen.saturating_add(1).min(self.background_frames + 1);
+        learning
+    }
+
+    /// Looks at some rows for slow change of the background, each once a [`ROUND`]; what has been `found` is none of it.
+    pub(super) fn follow<S: Sample>(&mut self, source: &mut impl Source<S>, found: &[Found]) {
+        if self.background_frames == 0 && self.environment.is_none() {
+            return;
+        }
+        let Buffers { limits, farthest, strangers, .. } = &mut self.buffers;
+        let Camera { width, height, fx, .. } = self.camera;
+        let beyond = first_key_beyond::<S>(&self.coding);
+        for _ in 0..height.div_ceil(ROUND) {
+            let (row, pixels) = (self.row, self.row * width..(self.row + 1) * width);
+            self.row = (row + 1) % height;
+            let (Some(limits), Some(farthest), Some(strangers)) =
+                (limits.get_mut(pixels.clone()), farthest.get_mut(pixels.clone()), strangers.get_mut(pixels))
+            else {
+                return;
+            };
+            let kept: Vec<Range<usize>, 16> = (found.iter())
+                .filter_map(|ball| {
+                    let (x, y) = self.camera.project(&ball.detection.center)?;
+                    let reach = 1.5 * ball.detection.radius * fx / ball.detection.center.z + 4.0;
+                    ((row as f64 - y).abs() < reach).then_some((x - reach) as usize..(x + reach) as usize + 1)
+                })
+                .collect();
+            background::follow(source.part(row, 0..width), &self.coding, beyond, limits, farthest, strangers, &kept);
+        }
+    }
+}

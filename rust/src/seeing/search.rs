@@ -1,0 +1,163 @@
+//! Foreground to components, components to balls.
+
+use super::image::Source;
+use super::{Area, Buffers, Seeing};
+use crate::detect::ball::{Found, View};
+use crate::detect::components::{CHUNK, Cluttered, Component, Marks, connect};
+use crate::detect::foreground::{Coding, Frame, Sample};
+use crate::geometry::camera::Camera;
+use crate::simd::{fetch, widest};
+use core::cell::Cell;
+use core::ops::Range;
+use heapless::Vec;
+
+/// Smallest component that is looked at, px: below it, depth says too little of a ball.
+const FEWEST_PIXELS: u32 = 20;
+/// Likewise, rows: discs of so many pixels have more. So no component is missed where at first every so manyth row is looked at.
+const FEWEST_ROWS: usize = 4;
+/// Rows around foreground that are looked at as well: enough to see how a ball's silhouette ends.
+const AROUND: usize = 12;
+
+impl Seeing<'_> {
+    /// Searches `area` for balls that lie wholly in it. False where more of the image is needed to see them as they are.
+    pub(super) fn search<S: Sample>(
+        &mut self,
+        source: &mut impl Source<S>,
+        area: &Area,
+        missing: &[Range<usize>],
+        found: &mut Vec<Found, 16>,
+    ) -> Result<bool, Cluttered> {
+        let Camera { width, height, .. } = self.camera;
+        let Area { rows, columns } = area;
+        if rows.start >= rows.end || rows.end > height || columns.start >= columns.end || columns.end > width {
+            return Ok(false);
+        }
+        let columns = columns.start / CHUNK * CHUNK..(columns.end.div_ceil(CHUNK) * CHUNK).min(width);
+        let area = Area { rows: rows.clone(), columns };
+        let before = found.len();
+        for stride in [FEWEST_ROWS, 1] {
+            self.look_at(source, &area, stride);
+            found.truncate(before);
+            if self.search_marked(source, &area, missing, found)? {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    /// Marks the foreground in every `stride`th row, and in all rows around those that show any.
+    fn look_at<S: Sample>(&mut self, source: &mut impl Source<S>, area: &Area, stride: usize) {
+        let Buffers { limits, marks, .. } = &mut self.buffers;
+        let (width, coding) = (self.camera.width, &self.coding);
+        let Area { rows, columns } = area;
+        let Some(marks) = marks.get_mut(rows.clone()) else { return };
+        widest(
+            #[inline(always)]
+            || {
+                for (row, marks) in rows.clone().zip(&mut *marks) {
+                    // What lies so far apart, memory does not bring by itself.
+                    if stride > 1 && row % stride == 0 {
+                        let ahead = row + 2 * stride;
+                        source.fetch(ahead, columns);
+                        fetch(limits.get(ahead * width + columns.start..ahead * width + columns.end).unwrap_or_default());
+                    }
+                    *marks = if row % stride == 0 { mark(source, row, columns, limits, width, coding) } else { Marks::default() };
+                }
+                for seen in (0..marks.len()).filter(|i| (rows.start + i) % stride == 0) {
+                    if marks.get(seen).is_none_or(|marks| marks.is_empty()) {
+                        continue;
+                    }
+                    for (i, marks) in marks.iter_mut().enumerate().take(seen + AROUND + 1).skip(seen.saturating_sub(AROUND)) {
+                        if !marks.looked_at {
+                            *marks = mark(source, rows.start + i, columns, limits, width, coding);
+                        }
+                    }
+                }
+            },
+        );
+    }
+
+    /// Searches what is marked of `area`.
+    fn search_marked<S: Sample>(
+        &mut self,
+        source: &mut impl Source<S>,
+        area: &Area,
+        missing: &[Range<usize>],
+        found: &mut Vec<Found, 16>,
+    ) -> Result<bool, Cluttered> {
+        let Buffers { limits, marks, depths, runs, planes, .. } = &mut self.buffers;
+        let Camera { width, height, .. } = self.camera;
+        let Some(marks) = marks.get(area.rows.clone()) else { return Ok(false) };
+        let frame = Frame {
+            samples: source.samples(),
+            width,
+            at_hand: area.clone(),
+            marks,
+            asked_beyond: Cell::new(false),
+            limits,
+            depths,
+            coding: self.coding,
+            missing,
+        };
+        let smallest = self.radii.iter().copied().fold(f64::INFINITY, f64::min);
+        let count = connect(&frame, width, area.rows.start, marks, View::<S>::jump(smallest), self.noise, runs)?;
+        // What touches an edge may go on beyond.
+        let inside = |first_and_last: &[u16; 2], area: &Range<usize>, end: usize| {
+            let [first, last] = first_and_last.map(usize::from);
+            (first > area.start || area.start == 0) && (last + 1 < area.end || area.end == end)
+        };
+        let whole = |c: &Component| inside(&c.rows, &area.rows, height) && inside(&c.columns, &area.columns, width);
+        let components = runs.iter().take(count).enumerate().filter_map(|(index, run)| run.component(index));
+        for component in
+            components.filter(|c| c.pixels >= FEWEST_PIXELS && usize::from(c.rows[1] - c.rows[0]) + 1 >= FEWEST_ROWS && whole(c))
+        {
+            let view = |radius| View { frame: &frame, camera: &self.camera, noise: self.noise, factors: self.factors, radius };
+            let Some(ball) = look(view, &self.radii, component, planes) else { continue };
+            // Two pieces of one ball, on both sides of a hole.
+            let is_known = |known: &Found| (known.detection.center - ball.detection.center).norm() < known.detection.radius;
+            if !missing.is_empty() && found.iter().any(is_known) {
+                continue;
+            }
+            if found.push(ball).is_err() {
+                break;
+            }
+        }
+        Ok(!frame.asked_beyond.get())
+    }
+}
+
+/// Marks the foreground in some columns of a row.
+#[inline(always)]
+#[allow(clippy::inline_always)] // So that it is compiled for the registers of `widest`.
+fn mark<S: Sample>(
+    source: &mut impl Source<S>,
+    row: usize,
+    columns: &Range<usize>,
+    limits: &[u16],
+    width: usize,
+    coding: &Coding,
+) -> Marks {
+    let limits = limits.get(row * width + columns.start..row * width + columns.end).unwrap_or_default();
+    Marks::of(source.part(row, columns.clone()), limits, columns.start, width, coding)
+}
+
+/// The ball that a component is, if it can be one: the radius whose disc comes nearest in size.
+fn look<'v, S: Sample + 'v>(view: impl Fn(f64) -> View<'v, S>, radii: &[f64], component: &Component, room: &mut [f32]) -> Option<Found> {
+    let (column, row, depth) = component.mean();
+    let pixels = f64::from(component.pixels);
+    // Seen from the front, the mean depth of a cap is that of its center less two thirds of the radius.
+    let start = |radius: f64| view(radius).camera.deproject(column, row, depth + radius * 2.0 / 3.0);
+    let ratio = |radius: f64| pixels / view(radius).disc(&start(radius));
+    let mismatch = |radius: f64| crate::math::log(ratio(radius)).abs();
+    let radius = radii.iter().copied().min_by(|a, b| mismatch(*a).total_cmp(&mismatch(*b)))?;
+    if !(0.25..4.0).contains(&ratio(radius)) {
+        return None;
+    }
+    let view = view(radius);
+    let found = view.fit(start(radius), component.pixels, room)?;
+    if view.frame.missing.is_empty() {
+        return Some(found);
+    }
+    // A hole may leave only a piece of the ball, whose middle is not the ball's: begin again at what the piece led to.
+    view.fit(found.detection.center, component.pixels, room)
+}
