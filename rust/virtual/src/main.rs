@@ -6,6 +6,7 @@
 mod bus;
 mod gate;
 mod hotplug;
+mod nature;
 mod node;
 mod options;
 mod preload;

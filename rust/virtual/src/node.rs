@@ -1,11 +1,12 @@
 //! A device at the bus: its transfers, which programs hold its interface, and when what is complete.
 
 use crate::gate::Gate;
+use crate::nature::{Client, Nature, SOMEONE};
 use crate::options::Moment;
-use crate::queue::{Pace, Queue};
+use crate::queue::Queue;
 use crate::urb::{CONTROL, Done, ISOCHRONOUS, Urb};
 use physinc::sim::kinect::descriptor::Descriptors;
-use physinc::sim::kinect::{Device, FrameSent, Setup};
+use physinc::sim::kinect::{Device, Setup};
 use rustix::io::Errno;
 use std::io;
 use std::path::PathBuf;
@@ -18,31 +19,6 @@ const MOST_REAPED: usize = 16;
 /// bmRequestType and bRequest.
 const SET_INTERFACE: (u8, u8) = (0x01, 11);
 const SET_CONFIGURATION: (u8, u8) = (0x00, 9);
-
-/// An open file of a program: how often the device was plugged in before it was opened, and its number then.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Client(pub u64, pub u64);
-
-/// Another program, of which nothing is known.
-pub const SOMEONE: Client = Client(u64::MAX, 0);
-
-/// What does not change about a device.
-pub struct Nature {
-    /// When its packets come.
-    pub pace: Pace,
-    /// The kernel's driver that takes its interface.
-    pub driver: Option<String>,
-    /// Another program has it.
-    pub is_busy: bool,
-    /// When it is pulled.
-    pub pull: Option<Moment>,
-    /// How transfers are refused, from which on.
-    pub refuse: Option<(Errno, u64)>,
-    /// Is told of each frame that was sent.
-    pub on_frame: Box<dyn Fn(&FrameSent) + Send + Sync>,
-    /// Is told when it is pulled.
-    pub on_pull: Box<dyn Fn() + Send + Sync>,
-}
 
 /// A device and its node.
 pub struct Node {

@@ -1,6 +1,6 @@
 //! Isochronous transfers that wait for their packets, and when each is over.
 
-use crate::node::Client;
+use crate::nature::Client;
 use crate::urb::{Came, Done, Urb};
 use physinc::sim::kinect::{Device, Trouble};
 use rustix::io::Errno;

@@ -1,7 +1,8 @@
 //! The process that is the Kinect, as long as the command lives.
 
 use crate::bus::{Bus, Place};
-use crate::node::{Nature, Node};
+use crate::nature::Nature;
+use crate::node::Node;
 use crate::options::Options;
 use crate::testbed::{Folder, Testbed};
 use crate::vhci::Vhci;

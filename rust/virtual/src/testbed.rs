@@ -2,7 +2,8 @@
 
 use crate::bus::{Bus, Place};
 use crate::hotplug;
-use crate::node::{Client, Node};
+use crate::nature::Client;
+use crate::node::Node;
 use crate::preload::Caller;
 use crate::usbfs;
 use physinc::sim::kinect::descriptor::{Descriptors, Speed};

@@ -1,6 +1,7 @@
 //! The usbfs ioctls of an open node.
 
-use crate::node::{Client, Node};
+use crate::nature::Client;
+use crate::node::Node;
 use crate::preload::{Call, Caller};
 use crate::urb::Urb;
 use physinc::sim::kinect::Setup;

@@ -3,7 +3,8 @@
 //! A message has 48 bytes, big-endian words; then bytes that go or came, without the gaps between packets; then 16 bytes for each packet.
 
 use crate::bus::{Bus, Place};
-use crate::node::{Client, Node};
+use crate::nature::Client;
+use crate::node::Node;
 use crate::urb::{CONTROL, Done, ISOCHRONOUS, Urb};
 use physinc::sim::kinect::descriptor::Speed;
 use rustix::fd::AsRawFd;
