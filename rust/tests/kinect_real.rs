@@ -81,8 +81,8 @@ fn the_virtual_camera_answers_as_the_real_one_did() {
         let length = Command { command: *command, tag: *tag, payload: sent }.emit(&mut bytes).expect("room");
         let setup = |request_type, length| Setup { request_type, request: 0, value: 0, index: 0, length };
         camera.control(setup(0x40, length as u16), &bytes[..length], 0).expect("a command that it knows");
-        let replies = (0..9).map(|_| camera.control(setup(0xc0, REPLY_SIZE as u16), &[], 0).expect("a poll"));
-        let reply = replies.skip_while(Vec::is_empty).next().expect("a reply");
+        let mut replies = (0..9).map(|_| camera.control(setup(0xc0, REPLY_SIZE as u16), &[], 0).expect("a poll"));
+        let reply = replies.find(|reply| !reply.is_empty()).expect("a reply");
         assert_eq!(reply.len(), HEADER + answer.len(), "{command:02x} {tag:04x}");
         answered += 1;
         identical += usize::from(reply[HEADER..] == answer[..]);
