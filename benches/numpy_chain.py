@@ -7,8 +7,8 @@ components, a sphere of known radius by least squares, a parabola through the la
 tracks, contacts); the ratio is what a user would notice. All run interleaved in one process, medians of 7, and every round goes through
 all frames, so that each comes from memory. Times are the processor's, of all threads, but for the engine's own.
 
-`whole`, `mixed`: packed bytes to positions as `cargo bench --bench speed` prints it for the same frames, in memcpys of its own run: every frame
-searched whole, as numpy and OpenCV do it, and as on a stream, where a tracked ball is looked for where it can be and the whole image
+`whole`, `mixed`: packed bytes to positions as `cargo bench --bench speed` prints it for the same frames, in memcpys of its own run: every
+frame searched whole, as numpy and OpenCV do it, and as on a stream, where a tracked ball is looked for where it can be and the whole image
 searched every 0.1 s. Both with covariances, silhouettes included; without tracks and contacts, of which numpy and OpenCV have the parabola.
 `engine`: from a frame's last packet to its events, by the engine's own clock (`Stream.busy`): unpacking, seeing, tracking, reasoning.
 `stream`: `list(physinc.stream(capture))`: all of that, and reading the capture's file, putting packets together, events as Python objects,
@@ -235,10 +235,10 @@ def main() -> None:
     cv2.setNumThreads(1)
     for scene in options.scenes:
         with tempfile.TemporaryDirectory() as folder:
-            measure(scene, seeing(scene, options.frames), *simulated(scene, options.frames, Path(folder)))
+            measure(scene, *simulated(scene, options.frames, Path(folder)), seen=seeing(scene, options.frames))
 
 
-def measure(scene: str, seen: dict[str, float], capture: Path, stamps: list[int], packed: list[Array], law: list[float]) -> None:
+def measure(scene: str, capture: Path, stamps: list[int], packed: list[Array], law: list[float], *, seen: dict[str, float]) -> None:
     """Print the table of a scene."""
     frame = unpack(packed[0])
     copy = np.empty_like(frame)
