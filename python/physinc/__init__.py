@@ -8,7 +8,9 @@ for event in physinc.stream("demo"):
 
 from ._physinc import (
     Above,
+    Activity,
     CameraModel,
+    CameraMotion,
     CameraOrientation,
     Contact,
     ContactFit,
@@ -68,9 +70,11 @@ from .streaming import stream
 
 __all__ = [
     "Above",
+    "Activity",
     "AssumeConfig",
     "CameraConfig",
     "CameraModel",
+    "CameraMotion",
     "CameraOrientation",
     "Config",
     "ConfigError",

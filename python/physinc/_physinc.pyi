@@ -10,7 +10,9 @@ from .config import CameraConfig, Config
 
 __all__ = [
     "Above",
+    "Activity",
     "CameraModel",
+    "CameraMotion",
     "CameraOrientation",
     "Contact",
     "ContactFit",
@@ -57,6 +59,7 @@ _Config: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | Config | None
 _Camera: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | CameraConfig | None
 _Side: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike | None]
 _TrackReason: TypeAlias = Literal["appeared", "lost", "left_view", "merged", "stream_ended"]
+_Undetermined: TypeAlias = Literal["heading", "velocity", "acceleration_or_gravity", "unseen_motion"]
 
 @final
 class CameraModel:
@@ -458,7 +461,7 @@ class Surface:
 class CameraOrientation:
     """Gravity as the flights show it."""
 
-    __match_args__ = ("id", "gravity_in_camera", "roll", "pitch", "covariance", "flights")
+    __match_args__ = ("id", "gravity_in_camera", "roll", "pitch", "covariance", "flights", "undetermined")
     @property
     def event(self) -> Literal["camera_orientation"]:
         """The event's name."""
@@ -489,6 +492,89 @@ class CameraOrientation:
     @property
     def flights(self) -> int:
         """Flights that it rests on."""
+    @property
+    def undetermined(self) -> list[_Undetermined]:
+        """What no flight tells of it."""
+    def to_dict(self) -> dict[str, Any]:
+        """As plain Python values, the same as in JSON."""
+    def to_json(self) -> str:
+        """As one line of JSON."""
+    def __eq__(self, other: object, /) -> bool: ...
+    def __hash__(self) -> int: ...
+    def __reduce__(self) -> tuple[Any, tuple[str]]: ...
+
+@final
+class CameraMotion:
+    """How far the camera has moved (sec. 3.1 ii): one for each frame in which something was tracked."""
+
+    __match_args__ = ("id", "frame", "displacement", "covariance", "undetermined")
+    @property
+    def event(self) -> Literal["camera_motion"]:
+        """The event's name."""
+    @property
+    def timestamp_ns(self) -> int:
+        """Stamp of the newest input that it used, ns on the stream's clock."""
+    @property
+    def track(self) -> int | None:
+        """The track, from 1; None where none or all."""
+    @property
+    def final(self) -> bool:
+        """Nothing will replace it."""
+    @property
+    def id(self) -> int:
+        """Unique among camera motions."""
+    @property
+    def frame(self) -> int:
+        """Index of the frame, as delivered, from 0."""
+    @property
+    def displacement(self) -> _Array:
+        """Of the optical center since the first frame, world axes, m."""
+    @property
+    def covariance(self) -> _Array:
+        """Of `displacement`, m²; as far as what is `undetermined` is as was assumed."""
+    @property
+    def undetermined(self) -> list[_Undetermined]:
+        """What neither objects nor static structure tell of it."""
+    def to_dict(self) -> dict[str, Any]:
+        """As plain Python values, the same as in JSON."""
+    def to_json(self) -> str:
+        """As one line of JSON."""
+    def __eq__(self, other: object, /) -> bool: ...
+    def __hash__(self) -> int: ...
+    def __reduce__(self) -> tuple[Any, tuple[str]]: ...
+
+@final
+class Activity:
+    """Whether an object moves by a force of its own (sec. 3.3). The final ones of a track cover each of its frames once."""
+
+    __match_args__ = ("id", "start_ns", "end_ns", "active", "probability")
+    @property
+    def event(self) -> Literal["activity"]:
+        """The event's name."""
+    @property
+    def timestamp_ns(self) -> int:
+        """Stamp of the newest input that it used, ns on the stream's clock."""
+    @property
+    def track(self) -> int | None:
+        """The track, from 1; None where none or all."""
+    @property
+    def final(self) -> bool:
+        """Nothing will replace it."""
+    @property
+    def id(self) -> int:
+        """Unique among activities."""
+    @property
+    def start_ns(self) -> int:
+        """First frame of the interval, ns."""
+    @property
+    def end_ns(self) -> int:
+        """Last frame of the interval, ns."""
+    @property
+    def active(self) -> bool:
+        """Whether no law of passive objects explains it."""
+    @property
+    def probability(self) -> float:
+        """Of `active` being true of it: near 0 for a passive object."""
     def to_dict(self) -> dict[str, Any]:
         """As plain Python values, the same as in JSON."""
     def to_json(self) -> str:
@@ -679,6 +765,8 @@ _Event: TypeAlias = (
     | Contact
     | Surface
     | CameraOrientation
+    | CameraMotion
+    | Activity
     | LevelDisagreement
     | Gap
     | Disconnected

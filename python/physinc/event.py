@@ -13,6 +13,8 @@ Event: TypeAlias = (
     | p.Contact
     | p.Surface
     | p.CameraOrientation
+    | p.CameraMotion
+    | p.Activity
     | p.LevelDisagreement
     | p.Gap
     | p.Disconnected

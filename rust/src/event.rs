@@ -153,6 +153,34 @@ events! {
         covariance: [[f64; 3]; 3],
         /// Flights that it rests on.
         flights: u32,
+        /// What no flight tells of it.
+        undetermined: Vec<Undetermined, 4>,
+    }
+    /// How far the camera has moved (sec. 3.1 ii): one for each frame in which something was tracked.
+    CameraMotion {
+        /// Unique among camera motions.
+        id: u32,
+        /// Index of the frame, as delivered, from 0.
+        frame: u64,
+        /// Of the optical center since the first frame, world axes, m.
+        displacement: [f64; 3],
+        /// Of `displacement`, m²; as far as what is `undetermined` is as was assumed.
+        covariance: [[f64; 3]; 3],
+        /// What neither objects nor static structure tell of it.
+        undetermined: Vec<Undetermined, 4>,
+    }
+    /// Whether an object moves by a force of its own (sec. 3.3). The final ones of a track cover each of its frames once.
+    Activity {
+        /// Unique among activities.
+        id: u32,
+        /// First frame of the interval, ns.
+        start_ns: i64,
+        /// Last frame of the interval, ns.
+        end_ns: i64,
+        /// Whether no law of passive objects explains it.
+        active: bool,
+        /// Of `active` being true of it: near 0 for a passive object.
+        probability: f64,
     }
     /// Flights show that the accelerometer's level, `gravity_in_camera` of the configuration, is off. Told once in a stream.
     LevelDisagreement {
@@ -226,6 +254,20 @@ pub struct Above {
     pub height: f64,
     /// Standard deviation of `height`, m.
     pub sd: Option<f64>,
+}
+
+/// What the laws of physics leave open of a camera's pose, whatever flies before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "std", derive(Serialize, Deserialize), serde(rename_all = "snake_case"))]
+pub enum Undetermined {
+    /// The turn about gravity.
+    Heading,
+    /// A constant velocity: taken to be zero at the beginning of each flight.
+    Velocity,
+    /// A constant acceleration and a gravity that is another look alike: the size of gravity is all that tells them apart.
+    AccelerationOrGravity,
+    /// Where the camera went while nothing was tracked: taken to be nowhere, less surely the longer it lasts.
+    UnseenMotion,
 }
 
 /// Why a track began or ended.

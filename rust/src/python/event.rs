@@ -24,7 +24,7 @@ macro_rules! plain_fields {
         fn to_python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> { self.into_bound_py_any(py) }
     })*};
 }
-plain_fields!(u32, u64, usize, i64, f64, Vec<usize>);
+plain_fields!(bool, u32, u64, usize, i64, f64, Vec<usize>);
 
 impl<const N: usize> Field for [f64; N] {
     fn to_python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
@@ -59,7 +59,7 @@ macro_rules! words {
         fn to_python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> { plain(py, self) }
     })*};
 }
-words!(event::TrackReason, event::GapReason, event::DisconnectReason, event::ReconnectReason, event::EndReason);
+words!(heapless::Vec<event::Undetermined, 4>, event::TrackReason, event::GapReason, event::DisconnectReason, event::ReconnectReason, event::EndReason);
 
 /// `value` as dicts, lists, numbers and strings, exactly what its JSON says.
 fn plain<'py>(py: Python<'py>, value: &impl Serialize) -> PyResult<Bound<'py, PyAny>> {
@@ -246,7 +246,9 @@ event_classes! {
         id, time_ns, time_sd, center, point, covariance, normal, direction, velocity_before, velocity_after, restitution, surface
     }
     Surface { id, name, normal, offset, covariance, tilt, tilt_sd, contacts, outline, above, merged_into }
-    CameraOrientation { id, gravity_in_camera, roll, pitch, covariance, flights }
+    CameraOrientation { id, gravity_in_camera, roll, pitch, covariance, flights, undetermined }
+    CameraMotion { id, frame, displacement, covariance, undetermined }
+    Activity { id, start_ns, end_ns, active, probability }
     LevelDisagreement { gravity_in_camera, gravity_by_accelerometer, angle, sd, p_value, flights }
     Gap { start_ns, end_ns, reason, frames, packets, samples }
     Disconnected { reason }

@@ -28,8 +28,8 @@ mod _physinc {
     use super::disparity::unpack_disparity;
     #[pymodule_export]
     use super::event::{
-        Above, CameraModel, CameraOrientation, Contact, Counters, Disconnected, Gap, Inconsistency, LevelDisagreement, Position,
-        Reconnected, StreamEnded, StreamStarted, Surface, TrackEnded, TrackStarted, event_from_toml,
+        Above, Activity, CameraModel, CameraMotion, CameraOrientation, Contact, Counters, Disconnected, Gap, Inconsistency,
+        LevelDisagreement, Position, Reconnected, StreamEnded, StreamStarted, Surface, TrackEnded, TrackStarted, event_from_toml,
     };
     #[pymodule_export]
     use super::frame::Frame;

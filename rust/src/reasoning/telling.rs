@@ -2,7 +2,7 @@
 
 use super::Reasoning;
 use crate::config::Method;
-use crate::event::{self, Event, Kind};
+use crate::event::{self, Event, Kind, Undetermined};
 use crate::math::{Mat3, Vec3, atan2, rows, sqrt};
 use crate::physics::contact::{Contact, RESTITUTION};
 use crate::physics::flight::Flight;
@@ -100,6 +100,7 @@ impl Reasoning {
             pitch: atan2(-g.z, sqrt(g.x * g.x + g.y * g.y)),
             covariance: rows(&crate::math::symmetric(&(to_camera * covariance * self.pose.rotation))),
             flights: self.measured.1,
+            undetermined: [Undetermined::Heading].into_iter().collect(),
         };
         self.last_orientation += 1;
         self.emit(None, true, told, sink);

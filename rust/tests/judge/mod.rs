@@ -212,6 +212,8 @@ pub fn hold(events: &[Event]) {
             }
             Kind::Surface(s) => Some((1, s.id)),
             Kind::CameraOrientation(o) => Some((2, o.id)),
+            Kind::CameraMotion(m) => Some((3, m.id)),
+            Kind::Activity(a) => Some((4, a.id)),
             _ => None,
         };
         if let Some(id) = id {
