@@ -2,10 +2,12 @@
 
 pub mod accumulator;
 pub mod contact;
+pub mod factor;
 pub mod flight;
 pub mod gravity;
 pub mod inconsistency;
 pub mod law;
+pub mod moments;
 pub mod paper;
 pub mod watch;
 
