@@ -44,7 +44,8 @@ pub struct Estimate<const N: usize> {
     pub chi2: f64,
     /// As of [`Solution`].
     pub log_evidence: f64,
-    information: Factor<N>,
+    /// Of the information.
+    pub factor: Factor<N>,
 }
 
 impl<const N: usize> Default for Accumulator<N> {
@@ -118,15 +119,18 @@ impl<const N: usize> Accumulator<N> {
         sum += pull;
     }
 
-    /// Adds to the vector, at `at`.
+    /// Adds to the vector at `at`.
     pub fn pull_single(&mut self, at: usize, pull: f64) {
         self.vector[at] += pull;
     }
 
-    /// Adds what the fit and the evidence need beside: the observations' weighted squares, the product of their weights' determinants, and how
-    /// many numbers they are.
-    pub fn count(&mut self, square: f64, weights: &Product, observed: usize) {
+    /// Adds to the observations' weighted square.
+    pub fn square(&mut self, square: f64) {
         self.square += square;
+    }
+
+    /// Adds to what only the evidence needs: the product of the weights' determinants, and how many numbers were observed.
+    pub fn count(&mut self, weights: &Product, observed: usize) {
         self.weights.join(weights);
         self.observed += observed;
     }
@@ -154,19 +158,24 @@ impl<const N: usize> Accumulator<N> {
 
     /// Mean, χ² and evidence; `None` where something is not determined.
     pub fn estimate(&self) -> Option<Estimate<N>> {
-        let information = Factor::new(&self.information)?;
-        let mean = information.solve(&self.vector);
+        self.estimate_by(Factor::new(&self.information)?)
+    }
+
+    /// The same with the factor of another estimate, which weighed the same observations.
+    #[inline]
+    pub fn estimate_by(&self, factor: Factor<N>) -> Option<Estimate<N>> {
+        let mean = factor.solve(&self.vector);
         let chi2 = (self.square - mean.dot(&self.vector)).max(0.0);
-        let volume = (N as f64 - self.observed as f64) * LN_TAU - information.log_determinant();
+        let volume = (N as f64 - self.observed as f64) * LN_TAU - factor.log_determinant();
         let log_evidence = 0.5 * (self.weights.log() - chi2 + volume);
-        mean.iter().all(|x| x.is_finite()).then_some(Estimate { mean, chi2, log_evidence, information })
+        mean.iter().all(|x| x.is_finite()).then_some(Estimate { mean, chi2, log_evidence, factor })
     }
 }
 
 impl<const N: usize> Estimate<N> {
     /// Covariance of the unknowns; `None` where it is not finite.
     pub fn covariance(&self) -> Option<SMatrix<f64, N, N>> {
-        let covariance = self.information.invert();
+        let covariance = self.factor.invert();
         covariance.iter().all(|x| x.is_finite()).then_some(covariance)
     }
 }

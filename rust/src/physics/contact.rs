@@ -9,7 +9,7 @@ use crate::physics::accumulator::{Accumulator, Estimate};
 use crate::physics::flight::{Flight, VELOCITY_SD};
 use crate::physics::gravity::Gravity;
 use crate::physics::law::{Law, State};
-use crate::physics::moments::{Moments, add_powers};
+use crate::physics::moments::{Moments, Pulls, add_powers};
 use nalgebra::SMatrix;
 
 /// Unknowns of a contact: center, velocity before, velocity after (three each), time, gravity (three).
@@ -198,6 +198,7 @@ impl Solver<'_> {
 /// What the samples on one side of a contact say of the flight there.
 struct Side {
     moments: Moments,
+    points: Pulls,
     /// Σ sᵏ W times how the point moves as the contact's time does, and that motion's weighted square and product with the points.
     motions: [Vec3; 3],
     motion: (f64, f64),
@@ -207,15 +208,16 @@ struct Side {
 impl Side {
     /// About the flight that begins or ends with `state`; `samples` go away from it.
     fn new<'a>(law: &dyn Law, state: State, gravity: &Vec3, samples: impl Iterator<Item = &'a Sample>) -> Self {
-        let mut side = Self { moments: Moments::default(), motions: [Vec3::zeros(); 3], motion: (0.0, 0.0), count: 0 };
+        let mut side =
+            Self { moments: Moments::default(), points: Pulls::default(), motions: [Vec3::zeros(); 3], motion: (0.0, 0.0), count: 0 };
         let mut now = state;
         for sample in samples {
             now = now.at(sample.t, law, gravity);
             let s = sample.t - state.t;
             let linear = state.position + state.velocity * s + gravity * (0.5 * s * s);
             let y = sample.position - (now.position - linear);
-            side.moments.weigh(s, &sample.weight);
-            side.moments.see(s, &y, &sample.weight);
+            side.moments.add(s, &sample.weight);
+            side.points.add(s, &y, &sample.weight);
             let pull = -(sample.weight * now.velocity);
             add_powers(&mut side.motions, s, &pull);
             side.motion.0 -= now.velocity.dot(&pull);
@@ -229,15 +231,15 @@ impl Side {
     /// velocity after.
     fn tell(&self, fit: &mut Accumulator<UNKNOWNS>, along: Option<&Mat3>) {
         let weight = |k: usize, factor: f64| self.moments.weight(k) * factor;
-        let point = |k: usize, factor: f64| self.moments.point(k) * factor;
         // Of the position p, the velocity v and gravity g: information of one with the other.
         let (pp, pv, vv, pg, vg) = (weight(0, 1.0), weight(1, 1.0), weight(2, 1.0), weight(2, 0.5), weight(3, 0.5));
-        let (p, v, [pt, vt, gt]) = (point(0, 1.0), point(1, 1.0), [self.motions[0], self.motions[1], self.motions[2] * 0.5]);
+        let (p, v, [pt, vt, gt]) =
+            (self.points.powers[0], self.points.powers[1], [self.motions[0], self.motions[1], self.motions[2] * 0.5]);
         fit.add_block(CENTER, CENTER, &pp);
         fit.add_block(GRAVITY, CENTER, &pg);
         fit.add_block(GRAVITY, GRAVITY, &weight(4, 0.25));
         fit.pull(CENTER, &p);
-        fit.pull(GRAVITY, &point(2, 0.5));
+        fit.pull(GRAVITY, &(self.points.powers[2] * 0.5));
         fit.pull_single(TIME, self.motion.1);
         match along {
             None => {
@@ -262,6 +264,7 @@ impl Side {
                 fit.pull(AFTER, &(along * p + v));
             }
         }
+        fit.square(self.points.square);
         self.moments.count(fit);
     }
 }

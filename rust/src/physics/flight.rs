@@ -5,7 +5,7 @@ use crate::physics::Sample;
 use crate::physics::accumulator::{Accumulator, Estimate};
 use crate::physics::gravity::Gravity;
 use crate::physics::law::{Law, State};
-use crate::physics::moments::Moments;
+use crate::physics::moments::{Moments, Pulls};
 use nalgebra::{SMatrix, SVector};
 
 /// Standard deviation of a velocity that nothing is known of, m/s an axis.
@@ -41,15 +41,14 @@ impl Flight {
     /// The flight that explains `samples` (sorted by time) best under `law`, with what is known of gravity.
     /// `None` without samples, or where they are not finite.
     pub fn fit(law: &dyn Law, samples: &[Sample], gravity: &Gravity) -> Option<Self> {
-        let problem = Problem::new(law, samples, gravity)?;
+        let problem = Problem::new(law, samples, gravity);
         let (mut flight, mut spread) = problem.start()?;
         // Drag bends by what the velocity is: each step leaves less than a hundredth of what it moved. Gravity's size acts along what its
         // direction is, which is slower.
         let enough = if gravity.size.is_some() { 1e-6 } else { 1e-4 };
         let mut last = None;
         for _ in 0..3 {
-            let (step, estimate) = problem.improve(&mut flight, &mut spread)?;
-            last = Some(estimate);
+            let step = problem.improve(&mut flight, &mut spread, &mut last)?;
             if step.fixed_rows::<6>(0).norm() < enough {
                 break;
             }
@@ -61,11 +60,12 @@ impl Flight {
     /// Like [`Flight::fit`], until no unknown moves by more than a thousandth of its standard deviation: for any law, and for gravity
     /// of which nothing is known. `None` also where that never happens.
     pub fn fit_fully(law: &dyn Law, samples: &[Sample], gravity: &Gravity) -> Option<Self> {
-        let problem = Problem::new(law, samples, gravity)?;
+        let problem = Problem::new(law, samples, gravity);
         let (mut flight, mut spread) = problem.start()?;
+        let mut last = None;
         for _ in 0..60 {
-            let (step, estimate) = problem.improve(&mut flight, &mut spread)?;
-            flight.covariance = estimate.covariance()?;
+            let step = problem.improve(&mut flight, &mut spread, &mut last)?;
+            flight.covariance = last.as_ref()?.covariance()?;
             let within = |i: usize| step[i] * step[i] <= 1e-6 * flight.covariance[(i, i)];
             if (0..9).all(within) {
                 return Some(flight);
@@ -108,7 +108,9 @@ impl Flight {
 
     /// What these measurements say about gravity when nothing else is known: (information, information · g).
     pub fn gravity_information(&self, law: &dyn Law, samples: &[Sample]) -> Option<(Mat3, Vec3)> {
-        Problem::new(law, samples, &Gravity::free(None))?.observe(self).marginal(6)
+        let mut fit = weighed(samples).normal_equations();
+        observe(&mut fit, self, law, samples);
+        fit.marginal(6)
     }
 
     /// Where the object is at time `t` (s) by Eq. 2: f of its history and the law, with the history's uncertainty.
@@ -142,24 +144,21 @@ struct Problem<'a> {
     law: &'a dyn Law,
     samples: &'a [Sample],
     gravity: &'a Gravity,
-    last: &'a Sample,
-    /// Weights and times, which are the same in each step.
-    moments: Moments,
+    /// What is the same in each step: weights, times, and what was known before.
+    known: Accumulator<9>,
 }
 
 impl<'a> Problem<'a> {
-    fn new(law: &'a dyn Law, samples: &'a [Sample], gravity: &'a Gravity) -> Option<Self> {
-        let last = samples.last()?;
-        let mut moments = Moments::default();
-        for sample in samples {
-            moments.weigh(sample.t - last.t, &sample.weight);
-        }
-        Some(Self { law, samples, gravity, last, moments })
+    fn new(law: &'a dyn Law, samples: &'a [Sample], gravity: &'a Gravity) -> Self {
+        let mut known = weighed(samples).normal_equations();
+        known.expect_block(3, &Vec3::zeros(), &Mat3::from_diagonal_element(1.0 / (VELOCITY_SD * VELOCITY_SD)));
+        known.expect_block(6, &gravity.mean, &gravity.information);
+        Self { law, samples, gravity, known }
     }
 
     /// A flight to linearise about, with gravity's variance along one axis.
     fn start(&self) -> Option<(Flight, f64)> {
-        let (first, last, gravity) = (self.samples.first()?, self.last, self.gravity.mean);
+        let (first, last, gravity) = (self.samples.first()?, self.samples.last()?, self.gravity.mean);
         let span = last.t - first.t;
         let mut velocity = Vec3::zeros();
         if span > 0.0 {
@@ -178,40 +177,56 @@ impl<'a> Problem<'a> {
         Some((flight, self.gravity.spread()))
     }
 
-    /// One Gauss–Newton step of `flight`, which is returned with what it came from. `spread` is gravity's variance along one axis before, and
-    /// then after it.
-    fn improve(&self, flight: &mut Flight, spread: &mut f64) -> Option<(SVector<f64, 9>, Estimate<9>)> {
-        let mut fit = self.observe(flight);
-        fit.expect_block(3, &Vec3::zeros(), &Mat3::from_diagonal_element(1.0 / (VELOCITY_SD * VELOCITY_SD)));
-        self.gravity.constrain(&mut fit, 6, &flight.gravity, *spread);
-        let estimate = fit.estimate()?;
-        let unknown = |i: usize| -> Vec3 { estimate.mean.fixed_rows::<3>(i).into() };
+    /// One Gauss–Newton step of `flight`, which is returned; `last` is the estimate before and then after it, and `spread` gravity's variance along
+    /// one axis.
+    fn improve(&self, flight: &mut Flight, spread: &mut f64, last: &mut Option<Estimate<9>>) -> Option<SVector<f64, 9>> {
+        let mut fit = self.known.clone();
+        observe(&mut fit, flight, self.law, self.samples);
+        self.gravity.constrain_size(&mut fit, 6, &flight.gravity, *spread);
+        // Only what is known of the size weighs differently in each step.
+        let estimate = match last.take().filter(|_| self.gravity.size.is_none()) {
+            Some(last) => fit.estimate_by(last.factor)?,
+            None => fit.estimate()?,
+        };
         let mut step = estimate.mean;
-        for (i, before) in [(0, &mut flight.state.position), (3, &mut flight.state.velocity), (6, &mut flight.gravity)] {
+        for (i, unknown) in [(0, &mut flight.state.position), (3, &mut flight.state.velocity), (6, &mut flight.gravity)] {
             let mut moved = step.fixed_rows_mut::<3>(i);
-            moved -= &*before;
-            *before = unknown(i);
+            moved -= &*unknown;
+            *unknown = estimate.mean.fixed_rows::<3>(i).into();
         }
         (flight.chi2, flight.log_evidence) = (estimate.chi2, estimate.log_evidence);
         if self.gravity.size.is_some() {
             *spread = estimate.covariance()?.fixed_view::<3, 3>(6, 6).trace() / 3.0;
         }
-        Some((step, estimate))
+        *last = Some(estimate);
+        Some(step)
     }
+}
 
-    /// The normal equations of position, velocity (at the last sample) and gravity, linear about `flight`.
-    fn observe(&self, flight: &Flight) -> Accumulator<9> {
-        let mut moments = self.moments.clone();
-        let mut state = flight.state;
-        for sample in self.samples.iter().rev() {
-            state = state.at(sample.t, self.law, &flight.gravity);
-            let s = sample.t - flight.state.t;
-            let linear = flight.state.position + flight.state.velocity * s + flight.gravity * (0.5 * s * s);
-            // What the law bends beyond the linear model moves over to the measurement's side.
-            moments.see(s, &(sample.position - (state.position - linear)), &sample.weight);
-        }
-        moments.normal_equations()
+/// Weights and times, from the last sample's.
+fn weighed(samples: &[Sample]) -> Moments {
+    let (mut moments, end) = (Moments::default(), samples.last().map_or(0.0, |last| last.t));
+    for sample in samples {
+        moments.add(sample.t - end, &sample.weight);
     }
+    moments
+}
+
+/// Adds the samples to the normal equations of position, velocity (at the last sample) and gravity that [`weighed`] them, linear about `flight`.
+fn observe(fit: &mut Accumulator<9>, flight: &Flight, law: &dyn Law, samples: &[Sample]) {
+    let (mut pulls, mut state) = (Pulls::default(), flight.state);
+    for sample in samples.iter().rev() {
+        state = state.at(sample.t, law, &flight.gravity);
+        let s = sample.t - flight.state.t;
+        let linear = flight.state.position + flight.state.velocity * s + flight.gravity * (0.5 * s * s);
+        // What the law bends beyond the linear model moves over to the measurement's side.
+        pulls.add(s, &(sample.position - (state.position - linear)), &sample.weight);
+    }
+    let [p, v, g] = pulls.powers;
+    for (i, pull) in [(0, p), (3, v), (6, g * 0.5)] {
+        fit.pull(i, &pull);
+    }
+    fit.square(pulls.square);
 }
 
 #[cfg(test)]
