@@ -7,6 +7,7 @@ pub mod gravity;
 pub mod inconsistency;
 pub mod law;
 pub mod paper;
+pub mod translation;
 pub mod watch;
 
 use crate::math::{Mat3, Vec3};
