@@ -1,5 +1,9 @@
 //! The known environment E: planes, boxes and spheres, which of them a ball touches, and how far a ray sees.
 
+mod sweep;
+
+pub use sweep::Sweep;
+
 use crate::config::{EnvironmentConfig, Name};
 use crate::math::{Mat3, Vec3, sqrt};
 use heapless::Vec;
