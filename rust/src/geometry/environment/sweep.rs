@@ -1,5 +1,7 @@
 //! Where a moving ball meets the environment: swept-shape queries.
 
+#[cfg(feature = "std")]
+use super::Shape;
 use super::{Environment, KnownSurface, SURVEY_SD};
 use crate::math::{Mat3, Vec3, sqrt};
 
@@ -54,6 +56,12 @@ impl Environment {
 impl KnownSurface {
     /// Fraction of the `way` at which a ball that starts `from` there first touches, and the normal.
     fn sweep(&self, from: &Vec3, way: &Vec3, radius: f64) -> Option<(f64, Vec3)> {
+        #[cfg(feature = "std")]
+        if let Shape::Mesh { mesh, origin, rotation } = &self.shape {
+            let turn = rotation.transpose();
+            let (fraction, normal) = mesh.sweep(&(turn * (from - origin)), &(turn * way), radius)?;
+            return Some((fraction, rotation * normal));
+        }
         first_touch(way, |fraction| {
             let (distance, normal) = self.distance(&(from + way * fraction));
             (distance - radius, normal)
