@@ -3,6 +3,7 @@
 use crate::geometry::environment::{Mesh, MeshError};
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
+use std::collections::HashMap;
 use std::format;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
@@ -57,6 +58,9 @@ pub enum MeshFileError {
     },
 }
 
+/// Reads one format; what is wrong is told in words.
+type Parse = fn(Vec<u8>) -> Result<Soup, String>;
+
 /// Vertices, and triangles of them.
 #[derive(Default)]
 struct Soup {
@@ -70,7 +74,7 @@ struct Soup {
 /// What is wrong with it, in one line.
 pub fn read(path: &Path) -> Result<Mesh, MeshFileError> {
     let ending = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-    let (format, parse): (_, fn(Vec<u8>) -> Result<Soup, String>) = match ending.as_str() {
+    let (format, parse): (_, Parse) = match ending.as_str() {
         "obj" => ("OBJ", obj),
         "stl" => ("STL", stl),
         "ply" => ("PLY", ply),
@@ -93,7 +97,7 @@ pub fn read(path: &Path) -> Result<Mesh, MeshFileError> {
 fn obj(bytes: Vec<u8>) -> Result<Soup, String> {
     let options = tobj::LoadOptions { triangulate: true, ignore_points: true, ignore_lines: true, ..Default::default() };
     // Colours and the like are of no interest.
-    let no_materials = |_: &Path| Ok((Vec::new(), Default::default()));
+    let no_materials = |_: &Path| Ok((Vec::new(), HashMap::default()));
     let (models, _) = tobj::load_obj_buf(&mut Cursor::new(bytes), &options, no_materials).map_err(|error| error.to_string())?;
     let mut soup = Soup::default();
     for tobj::Model { mesh, .. } in models {

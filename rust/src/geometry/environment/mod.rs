@@ -67,7 +67,7 @@ pub struct Environment {
 }
 
 /// How far a real surface may be from where it is said to be, m.
-const SURVEY_SD: f64 = 0.003;
+pub const SURVEY_SD: f64 = 0.003;
 
 impl Environment {
     /// Surfaces at the most.

@@ -58,8 +58,11 @@ pub enum MeshError {
     Flat,
 }
 
-/// Vertices and triangles without duplicates of either, of a body that is closed and has its faces outwards.
-pub fn body(vertices: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<(Vec<[f32; 3]>, Vec<[u32; 3]>), MeshError> {
+/// The places of corners (m), and which three each face has.
+pub type Faces = (Vec<[f32; 3]>, Vec<[u32; 3]>);
+
+/// The same without duplicates, if they bound a body and look outwards.
+pub fn body(vertices: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<Faces, MeshError> {
     match triangles.len() {
         0 => return Err(MeshError::Empty),
         n if n > MOST_TRIANGLES => return Err(MeshError::TooMany(n)),
