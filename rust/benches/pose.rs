@@ -86,12 +86,6 @@ fn translation(name: &str, method: Method, seeds: u64, first: u64) {
 fn main() {
     let mut args = std::env::args().skip(1).filter(|a| !a.starts_with("--")).filter_map(|a| a.parse().ok());
     let (seeds, first) = (args.next().unwrap_or(20), args.next().unwrap_or(FIRST_SEED));
-    if std::env::var("X").is_ok() {
-        for name in ["floor", "wall", "both"] {
-            translation(name, Method::Best, seeds, first);
-        }
-        return;
-    }
     println!(
         "| method | scenes | one flight ° | six flights ° | size, one flight m/s² | size, six flights m/s² |\n|---|---|---|---|---|---|"
     );

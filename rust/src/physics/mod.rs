@@ -2,11 +2,13 @@
 
 pub mod accumulator;
 pub mod contact;
+pub mod course;
 pub mod flight;
 pub mod gravity;
 pub mod inconsistency;
 pub mod law;
 pub mod paper;
+pub mod restitution;
 pub mod translation;
 pub mod watch;
 
