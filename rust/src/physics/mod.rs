@@ -7,6 +7,8 @@ pub mod gravity;
 pub mod inconsistency;
 pub mod law;
 pub mod paper;
+pub mod scale;
+pub mod split;
 pub mod watch;
 
 use crate::math::{Mat3, Vec3};

@@ -1,0 +1,6 @@
+"""`physinc reproduce`."""
+
+
+def reproduce() -> int:
+    """Reproduce."""
+    return 0
