@@ -93,7 +93,7 @@ def test_dry_run_and_out_leave_the_file_alone(room: Path, tmp_path: Path, capsys
 
 def test_heading_and_place_of_a_known_pose_are_kept(room: Path, capsys: pytest.CaptureFixture[str]) -> None:
     yaw = math.radians(30)
-    old = np.eye(4)
+    old = np.eye(4, dtype=np.float64)
     # Level by guess, turned to the left, 1.2 m over the floor.
     old[:3, :3] = np.array([[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]]) @ [
         [1, 0, 0],
@@ -106,7 +106,7 @@ def test_heading_and_place_of_a_known_pose_are_kept(room: Path, capsys: pytest.C
     assert main(["level", str(room), "--camera", str(camera)]) == 0
     assert "is kept from" in capsys.readouterr().out
     pose = pose_of(camera)
-    np.testing.assert_allclose(pose[:3, 3], old[:3, 3])
+    np.testing.assert_allclose(pose[:3, 3], np.array([3.0, 4.0, 1.2]))
     np.testing.assert_allclose(pose[:3, :3] @ true_gravity(), [0, 0, -9.81], atol=0.03)
     # Its y axis still points to the same side of the horizon.
     np.testing.assert_allclose(np.cross(pose[1, :3], old[1, :3]) @ true_gravity(), 0, atol=0.5)
@@ -133,7 +133,7 @@ def test_any_gravity_makes_a_pose(gravity: tuple[float, float, float]) -> None:
     g = np.array(gravity, float)
     for known in (None, np.eye(4), np.diag([1.0, -1.0, -1.0, 1.0])):
         rotation = level_pose(g, known)[:3, :3]
-        np.testing.assert_allclose(rotation @ g, [0, 0, -np.linalg.norm(g)], atol=1e-12)
+        np.testing.assert_allclose(rotation @ g, np.array([0, 0, -float(np.linalg.norm(g))]), atol=1e-12)
         np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
         assert np.linalg.det(rotation) == pytest.approx(1)
 

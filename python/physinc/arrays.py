@@ -83,7 +83,7 @@ def fit_flight(
 
 
 def split_flights(t: ArrayLike, positions: ArrayLike) -> list[slice]:
-    """Find the flights in a motion of which nothing is known, neither unit nor gravity: what lies between two kicks, as slices of `positions`.
+    """Find the flights in a motion of which neither unit nor gravity is known: what lies between two kicks, as slices of `positions`.
 
     A flight has at least 6 positions, and a kick must be plain beside the noise, which third differences tell: fewer than 8 positions are
     taken for one flight.

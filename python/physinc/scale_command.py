@@ -173,7 +173,6 @@ def _print(told: list[TrackScale], refused: list[tuple[int | None, str]], found:
             "m per unit",
             "± σ",
             "flights",
-            "positions",
             "gravity along",
             "group",
             "p",
@@ -187,18 +186,18 @@ def _print(told: list[TrackScale], refused: list[tuple[int | None, str]], found:
         for i, track in enumerate(told):
             digits = max(0, 2 - math.floor(math.log10(track.sd))) if track.sd > 0 else 6
             down = " ".join(f"{x:+.2f}" for x in track.gravity_direction)
-            numbers = (f"{track.scale:.{digits}f}", f"{track.sd:.{digits}f}", str(track.flights), str(track.positions))
-            table.add_row(_name(track.track), *numbers, down, _letter(of[i]), _probability(_p_value(told, found[0], i)))
+            numbers = (f"{track.scale:.{digits}f}", f"{track.sd:.{digits}f}", str(track.flights))
+            table.add_row(_name(track.track), *numbers, down, _letter(of[i]), _probability(_p_value(told, found[0], i)).removeprefix("= "))
         console.print(table)
         console.print("[dim]p: of having the scale of group A, less the track itself[/]")
     for number, group in enumerate(found):
         names = ", ".join(_name(told[i].track) for i in group.members)
         value = f"{math.exp(group.mean):.5g} ± {math.exp(group.mean) * group.sd:.2g} m per unit"
         if len(group.members) > 1:
-            console.print(f"{_letter(number)}: tracks {names} agree on {value} (p = {_probability(group.p_value)})")
+            console.print(f"{_letter(number)}: tracks {names} agree on {value} (p {_probability(group.p_value)})")
         elif number:
             other = _probability(_p_value(told, found[0], group.members[0]))
-            console.print(f"{_letter(number)}: track {names} has another scale, {value} (p = {other})")
+            console.print(f"{_letter(number)}: track {names} has another scale, {value} (p {other})")
         else:
             console.print(f"{_letter(number)}: track {names}: {value}")
     if len(found) > 1 and len(found[0].members) == len(found[1].members):
@@ -215,7 +214,7 @@ def _name(track: int | None) -> str:
 
 
 def _probability(p: float) -> str:
-    return f"{p:.2g}" if p > 1e-12 else "<1e-12"
+    return f"= {p:.2g}" if p > 1e-12 else "< 1e-12"
 
 
 def _letter(number: int) -> str:
