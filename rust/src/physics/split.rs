@@ -96,6 +96,15 @@ mod tests {
     /// 60 frames of a ball that is kicked at each of `kicks`, with a little noise.
     fn kicked(kicks: &[usize]) -> [Sample; 60] {
         let (mut p, mut v) = (Vec3::zeros(), Vec3::new(1.0, 0.5, 3.0));
+        let mut seed = 1_u64;
+        let mut noise = || {
+            // Twelve uniform numbers make a normal one.
+            let uniform = (0..12).map(|_| {
+                seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                (seed >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+            });
+            1e-3 * uniform.sum::<f64>()
+        };
         core::array::from_fn(|i| {
             if kicks.contains(&i) {
                 v = Vec3::new(0.8 * v.x, -v.y, 2.5);
@@ -103,8 +112,7 @@ mod tests {
             let dt = 1.0 / 30.0;
             p += v * dt - Vec3::z() * (0.5 * 9.81 * dt * dt);
             v.z -= 9.81 * dt;
-            let wobble = Vec3::new((i * 7 % 5) as f64, (i * 11 % 7) as f64, (i * 3 % 4) as f64) * 5e-4;
-            Sample::isotropic(dt * i as f64, p + wobble, 1e-3)
+            Sample::isotropic(dt * i as f64, p + Vec3::new(noise(), noise(), noise()), 1e-3)
         })
     }
 
