@@ -192,7 +192,9 @@ def simulate(scene: str, out: Path, /) -> int:
     Parameters
     ----------
     scene
-        bounce (six throws over a floor and a box that the camera can't see), room, two_balls, many, passive_flight, drop or roll,
+        bounce (six throws over a floor and a box that the camera can't see), room, two_balls, many, passive_flight, drop, roll,
+        rotated_camera (rolled by roll_deg) or translating_camera (moved by hand in mid-flight by travel, m; structure=floor, wall or both
+        shows these),
         with keys, if any, as in "bounce?seed=3&distance=2".
     out
         FILE.npz (frames), or FILE.pcapng, also .gz or .zst (a capture of the packets that a Kinect would send). `physinc run OUT` tells

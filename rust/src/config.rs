@@ -271,6 +271,13 @@ choice! {
     }
 }
 
+impl CameraAssumption {
+    /// Whether the camera's place is free.
+    pub fn moves(self) -> bool {
+        matches!(self, Self::Moving | Self::Unknown)
+    }
+}
+
 /// One radius, or one for each kind of ball, m.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "std", derive(Serialize, Deserialize), serde(untagged, expecting = "expected a number, or a list of up to 4"))]
@@ -403,11 +410,6 @@ impl Config {
             (self.object.shape == Shape::Any, "object.shape", "\"sphere\", the only shape in this version"),
             (self.laws.law != LawName::FreeFall, "laws.law", "\"free_fall\", the only law in this version"),
             (self.laws.magnus, "laws.magnus", "false: this version has no Magnus force"),
-            (
-                matches!(self.assume.camera, Some(CameraAssumption::Moving | CameraAssumption::Unknown)),
-                "assume.camera",
-                "\"static\" or \"tilted\": this version has no moving cameras",
-            ),
             (self.assume.objects == ObjectsAssumption::Unknown, "assume.objects", "\"passive\": this version has no objects with a motor"),
             (!self.environment.mesh.is_empty(), "environment.mesh", "planes, boxes and spheres: this version has no meshes"),
         ];

@@ -137,7 +137,6 @@ mod tests {
             ("[object]\nshape = \"any\"", "object.shape"),
             ("[laws]\nlaw = \"auto\"", "laws.law"),
             ("[laws]\nmagnus = true", "laws.magnus"),
-            ("[assume]\ncamera = \"moving\"", "assume.camera"),
             ("[assume]\nobjects = \"unknown\"", "assume.objects"),
             ("[[environment.mesh]]\npath = \"a.obj\"", "environment.mesh"),
         ] {

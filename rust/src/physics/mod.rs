@@ -9,6 +9,7 @@ pub mod law;
 pub mod paper;
 pub mod scale;
 pub mod split;
+pub mod translation;
 pub mod watch;
 
 use crate::math::{Mat3, Vec3};

@@ -72,7 +72,7 @@ struct Hit {
 
 const MISS: Hit = Hit { label: NOTHING, depth: f64::INFINITY, cos_incidence: 1.0 };
 
-/// A solid in the camera frame: inside is where every half-space holds, normal · p ≤ offset.
+/// A solid in the camera frame at the first frame: inside is where every half-space holds, normal · p ≤ offset.
 #[derive(Clone, Debug, PartialEq)]
 struct Convex {
     sides: Vec<(Vec3, f64)>,
@@ -115,19 +115,50 @@ fn enter_sphere(origin: &Vec3, ray: &Vec3, center: &Vec3, radius: f64) -> Option
     (s > 0.0).then(|| (s, root / (a.sqrt() * radius)))
 }
 
-/// The sensor, and what it knows by heart: its static background.
+/// The sensor, and what it knows by heart: its background, for as long as it stands still.
 #[derive(Clone, Debug)]
 pub struct Sensor {
     camera: Camera,
     errors: Errors,
     solids: Vec<Convex>,
+    /// Where it is since the first frame, own axes, at each row's time or at all.
+    eyes: Vec<Vec3>,
     /// Mean raw disparity of each pixel with nothing moving, frozen noise included; infinite where nothing is read.
     background: Vec<f32>,
+    /// Frozen noise belongs to the pixels, not to what they see: a camera that wobbles takes it along, and no average over its frames is rid of it.
+    /// So does what decides which pixels lose an oblique surface.
     frozen: Vec<f32>,
+    frozen_edge: Field,
     rng: Xoshiro256PlusPlus,
     noise: Field,
     edge: Field,
     hits: Vec<Hit>,
+}
+
+/// Which windows show one thing alone, row by row.
+struct Alike {
+    window: usize,
+    /// Of each column: what its last row shows, and since how many rows.
+    columns: Vec<(usize, usize)>,
+}
+
+impl Alike {
+    fn new(width: usize, window: usize) -> Self {
+        Self { window, columns: std::vec![(NOTHING, 0); width] }
+    }
+
+    fn enter(&mut self, row: &[Hit]) {
+        for ((label, rows), hit) in self.columns.iter_mut().zip(row) {
+            *rows = if *label == hit.label { *rows + 1 } else { 1 };
+            *label = hit.label;
+        }
+    }
+
+    /// Whether the window of the last rows does, from this column on.
+    fn at(&self, column: usize) -> bool {
+        let columns = self.columns.get(column..column + self.window);
+        columns.is_some_and(|c| c.iter().all(|(label, rows)| *label == c[0].0 && *rows >= self.window))
+    }
 }
 
 /// What one matching window holds of one object.
@@ -155,30 +186,58 @@ impl Sensor {
         let pose = camera.pose.unwrap_or_else(Pose::renamed_axes);
         let solids: Vec<Convex> = solids.iter().filter(|s| s.visible).map(|s| Convex::new(s, &pose)).collect();
         let rng = Xoshiro256PlusPlus::seed_from_u64(seed);
-        let (noise, edge, hits) = (Field::default(), Field::default(), Vec::new());
-        let mut sensor = Self { camera, errors, solids, background: Vec::new(), frozen: Vec::new(), rng, noise, edge, hits };
+        let mut sensor = Self {
+            camera,
+            errors,
+            solids,
+            eyes: std::vec![Vec3::zeros()],
+            background: Vec::new(),
+            frozen: Vec::new(),
+            frozen_edge: Field::default(),
+            rng,
+            noise: Field::default(),
+            edge: Field::default(),
+            hits: Vec::new(),
+        };
         if !sensor.solids.is_empty() {
             let image = sensor.image();
             sensor.noise.draw(&image, errors.window, &mut sensor.rng);
             sensor.frozen = sensor.noise.values.iter().map(|n| (FROZEN_SD * errors.sigma) as f32 * n).collect();
-            let mut background = std::vec![f32::INFINITY; image.width() * image.height()];
-            sensor.match_windows(&image, &[], |index, raw| background[index] = raw);
-            sensor.background = background;
+            sensor.frozen_edge.draw(&image, errors.window, &mut sensor.rng);
+            sensor.look();
         }
         sensor
+    }
+
+    /// The background from where it is now.
+    fn look(&mut self) {
+        let (image, mut background) = (self.image(), core::mem::take(&mut self.background));
+        background.clear();
+        background.resize(image.width() * image.height(), f32::INFINITY);
+        let edge = core::mem::take(&mut self.frozen_edge);
+        self.match_windows(&image, &[], &edge, |index, raw| background[index] = raw);
+        (self.frozen_edge, self.background) = (edge, background);
     }
 
     fn image(&self) -> Rect {
         Rect { left: 0, top: 0, right: self.camera.width as i32, bottom: self.camera.height as i32 }
     }
 
-    /// One frame of raw disparity, row-major, into `samples` (width · height), [`NO_DISPARITY`] where nothing is read.
-    pub fn expose(&mut self, targets: &[Target], samples: &mut [u16]) {
+    /// One frame of raw disparity, row-major, into `samples` (width · height), [`NO_DISPARITY`] where nothing is read. `eyes` is where the camera is since
+    /// the first frame, its own axes, m: one per row of the image, or one for all.
+    pub fn expose(&mut self, targets: &[Target], eyes: &[Vec3], samples: &mut [u16]) {
+        if self.eyes != eyes {
+            self.eyes.clear();
+            self.eyes.extend_from_slice(eyes);
+            if !self.solids.is_empty() {
+                self.look();
+            }
+        }
         let (image, window) = (self.image(), if self.errors.white { 1 } else { self.errors.window });
         let sd = (RAW_SD * self.errors.sigma) as f32;
         samples.fill(NO_DISPARITY);
         let blank = self.background.is_empty();
-        let mut noise = core::mem::take(&mut self.noise);
+        let (mut noise, mut edge) = (core::mem::take(&mut self.noise), core::mem::take(&mut self.edge));
         if !blank {
             noise.draw(&image, window, &mut self.rng);
             for ((sample, raw), n) in samples.iter_mut().zip(&self.background).zip(&noise.values) {
@@ -189,13 +248,14 @@ impl Sensor {
             if blank {
                 noise.draw(&rect, window, &mut self.rng);
             }
+            edge.draw(&rect, self.errors.window, &mut self.rng);
             let drawn = if blank { rect } else { image };
-            self.match_windows(&rect, targets, |index, raw| {
+            self.match_windows(&rect, targets, &edge, |index, raw| {
                 let (x, y) = ((index % image.width()) as i32, (index / image.width()) as i32);
                 samples[index] = quantised(raw + sd * noise.values[drawn.index(x, y)]);
             });
         }
-        self.noise = noise;
+        (self.noise, self.edge) = (noise, edge);
     }
 
     /// Where the image differs from its background: around each ball and its shadow; rectangles that overlap become one.
@@ -237,10 +297,10 @@ impl Sensor {
     /// What the ray through pixel (`x`, `y`) meets; `bounds` are the targets' in the image.
     fn cast(&self, x: i32, y: i32, targets: &[Target], bounds: &[Rect]) -> Hit {
         let ray = self.camera.deproject(f64::from(x), f64::from(y), 1.0);
-        let camera = Vec3::zeros();
+        let (camera, eye) = (Vec3::zeros(), self.eyes[y.clamp(0, self.eyes.len() as i32 - 1) as usize]);
         let near = targets.iter().zip(bounds).enumerate().filter(|(_, (_, bounds))| bounds.contains(x, y));
         let balls = near.map(|(i, (t, _))| (BALLS + i, enter_sphere(&camera, &ray, t.center(y), t.radius)));
-        let solids = self.solids.iter().enumerate().map(|(i, s)| (SOLIDS + i, s.enter(&camera, &ray)));
+        let solids = self.solids.iter().enumerate().map(|(i, s)| (SOLIDS + i, s.enter(&eye, &ray)));
         let hits = balls.chain(solids).filter_map(|(label, hit)| hit.map(|(depth, cos_incidence)| Hit { label, depth, cos_incidence }));
         let Some(hit) = hits.min_by(|a, b| a.depth.total_cmp(&b.depth)) else { return MISS };
         if hit.depth < RANGE[0] || hit.depth > RANGE[1] {
@@ -257,13 +317,13 @@ impl Sensor {
                 .solids
                 .iter()
                 .enumerate()
-                .any(|(i, s)| SOLIDS + i != hit.label && s.enter(&projector, &beam).is_some_and(|e| e.0 < 1.0));
+                .any(|(i, s)| SOLIDS + i != hit.label && s.enter(&(eye + projector), &beam).is_some_and(|e| e.0 < 1.0));
         if shaded { Hit { label: SHADOW, ..hit } } else { hit }
     }
 
     /// Matches every pixel of `rect` (inside the image) whose window shows something that moves, or every one where nothing does, and tells
-    /// `read` its index in the image and its raw disparity before temporal noise; infinite where there is no reading.
-    fn match_windows(&mut self, rect: &Rect, targets: &[Target], mut read: impl FnMut(usize, f32)) {
+    /// `read` its index in the image and its raw disparity before temporal noise; infinite where there is no reading. `edge` is drawn over `rect`.
+    fn match_windows(&mut self, rect: &Rect, targets: &[Target], edge: &Field, mut read: impl FnMut(usize, f32)) {
         let half = (self.errors.window / 2) as i32;
         let around = rect.grown(half);
         let mut hits = core::mem::take(&mut self.hits);
@@ -276,19 +336,27 @@ impl Sensor {
                 .map(|(x, y)| self.cast(x, y, targets, &bounds)),
         );
         let seen = |hit: &Hit| (SHADOW..SOLIDS).contains(&hit.label);
+        let mut alike = Alike::new(if targets.is_empty() { around.width() } else { 0 }, self.errors.window);
         // Sums over a window's rows: most windows show nothing that moves, and are passed by.
         let mut moving = std::vec![0_u32; around.width()];
         for row in hits.chunks(around.width()).take(self.errors.window - 1) {
+            alike.enter(row);
             moving.iter_mut().zip(row).for_each(|(n, hit)| *n += u32::from(seen(hit)));
         }
-        self.edge.draw(rect, self.errors.window, &mut self.rng);
         let image = self.image();
         let mut shares = std::vec![Share::default(); SOLIDS + self.solids.len()];
         for y in rect.top..rect.bottom {
             let entering = around.index(around.left, y + half);
+            alike.enter(&hits[entering..]);
             moving.iter_mut().zip(&hits[entering..]).for_each(|(n, hit)| *n += u32::from(seen(hit)));
             for (x, columns) in (rect.left..rect.right).zip(moving.windows(self.errors.window)) {
                 if !targets.is_empty() && columns.iter().all(|n| *n == 0) {
+                    continue;
+                }
+                let index = image.index(x, y);
+                let alone = alike.at((x - rect.left) as usize).then(|| self.alone(&hits[around.index(x, y)])).flatten();
+                if let Some(raw) = alone {
+                    read(index, raw + self.frozen[index]);
                     continue;
                 }
                 shares.fill(Share::default());
@@ -305,8 +373,7 @@ impl Sensor {
                         }
                     }
                 }
-                let index = image.index(x, y);
-                let chance = f64::from(self.edge.values[rect.index(x, y)]);
+                let chance = f64::from(edge.values[rect.index(x, y)]);
                 let raw = self.winner(&shares, front.label, chance).map_or(f32::INFINITY, |(label, raw)| {
                     let frozen = if label >= SOLIDS { self.frozen[index] } else { 0.0 };
                     raw + frozen
@@ -317,6 +384,19 @@ impl Sensor {
             moving.iter_mut().zip(&hits[leaving..]).for_each(|(n, hit)| *n -= u32::from(seen(hit)));
         }
         self.hits = hits;
+    }
+
+    /// What a window reads that shows nothing but what its middle shows, before noise; `None` where that has to be asked of all its pixels. On a plane
+    /// inverse depth is linear in the image, and its mean is in the middle.
+    fn alone(&self, middle: &Hit) -> Option<f32> {
+        match middle.label {
+            NOTHING | SHADOW => Some(f32::INFINITY),
+            // Clearly less oblique than what may be lost.
+            solid if solid >= SOLIDS && self.solids[solid - SOLIDS].sides.len() == 1 && middle.cos_incidence > 0.01 + GRAZING[0].cos() => {
+                Some(raw_disparity(middle.depth) as f32)
+            }
+            _ => None,
+        }
     }
 
     /// The object that a window with these shares reads, and its mean raw disparity. `chance` (normal, sd 1) moves the front object's

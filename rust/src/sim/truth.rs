@@ -12,7 +12,7 @@ pub struct Truth {
     pub scene: String,
     /// What was in force.
     pub parameters: Parameters,
-    /// The true pose, rows; told to an estimator only with `pose`.
+    /// The true pose at the first frame, rows; told to an estimator only with `pose`.
     pub world_from_camera: [[f64; 4]; 4],
     /// m/s², camera frame.
     pub gravity_in_camera: [f64; 3],
@@ -35,9 +35,9 @@ pub struct SurfaceTruth {
     pub normal: [f64; 3],
     /// m.
     pub offset: f64,
-    /// Camera frame.
+    /// Camera frame, as at the first frame.
     pub normal_in_camera: [f64; 3],
-    /// Camera frame, m.
+    /// As at the first frame, m.
     pub offset_in_camera: f64,
 }
 
@@ -84,6 +84,9 @@ pub struct RollTruth {
 pub struct FrameTruth {
     /// Its stamp: the time of its first row.
     pub timestamp_ns: i64,
+    /// Where the camera is moved: how far it has come then since the first frame, m.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub camera_displacement: Option<[f64; 3]>,
     /// Those of which a part is in view.
     pub balls: Vec<BallTruth>,
 }
@@ -101,6 +104,10 @@ pub struct BallTruth {
     pub center_in_camera: [f64; 3],
     /// m/s.
     pub velocity: [f64; 3],
+    /// m/s².
+    pub acceleration: [f64; 3],
+    /// Whether it moves by a force of its own: never.
+    pub active: bool,
     /// Part of its disc inside the image and behind nothing.
     pub in_view: f64,
 }

@@ -56,12 +56,21 @@ impl PaperMotion {
         if let Some((at, _)) = self.at {
             self.conclude(window, at, findings);
         }
+        self.land(window, f64::INFINITY, findings);
+    }
+
+    /// What was consistent up to `until` (s) shows gravity: the paper averages over a time without interactions.
+    fn land(&self, window: &Window, until: f64, findings: &mut Findings) {
+        if let [first, .., last] = between(window.samples(), self.since, until) {
+            let _ = findings.push(Finding::Fell(first.t, last.t));
+        }
     }
 
     /// An inconsistency is a contact. The paper says nothing of noise; without asking for an impulse against the motion
     /// most of its contacts would be none.
     fn conclude(&mut self, window: &Window, at: f64, findings: &mut Findings) {
         self.at = None;
+        self.land(window, at, findings);
         let before = between(window.samples(), self.since, at);
         let after = between(window.samples(), at, f64::INFINITY);
         let (Some(mut contact), Some(span)) = (contact(before, after), before.first().zip(before.last()).map(|(a, b)| b.t - a.t)) else {
