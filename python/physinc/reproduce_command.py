@@ -34,7 +34,7 @@ def reproduce(
     seeds
         Over so many seeds each number's spread is told.
     only
-        Experiments, instead of all: surfaces, rotation, translation, activity, laws.
+        Experiments, instead of all: rotation, translation, surfaces, activity, laws, recordings.
 
     """
     missing = [name for name in ("matplotlib", "jinja2") if find_spec(name) is None]
@@ -49,12 +49,10 @@ def reproduce(
     if unknown := [name for name in only if name not in names]:
         raise ConfigError(f"--only {unknown[0]}: the experiments are {', '.join(names)}")
     there = set(scenes())
-    chosen = [e for e in EXPERIMENTS if (not only or e.name in only) and there.issuperset(e.scenes)]
-    left_out = [
-        f"Not here: {e.name}, which needs the scene {', '.join(sorted(set(e.scenes) - there))}."
-        for e in EXPERIMENTS
-        if not there.issuperset(e.scenes)
-    ]
+    wanted = [e for e in EXPERIMENTS if not only or e.name in only]
+    lacking = {e.name: e.lacks(there) for e in wanted}
+    chosen = [e for e in wanted if lacking[e.name] is None]
+    left_out = [f"Not here: {name}: {lack}." for name, lack in lacking.items() if lack is not None]
     out.mkdir(parents=True, exist_ok=True)
     begin = time.monotonic()
     numbers = range(FIRST_SEED, FIRST_SEED + seeds)
@@ -69,5 +67,7 @@ def reproduce(
     html = page(sections, command=command, seeds=numbers, seconds=time.monotonic() - begin, left_out=left_out)
     (out / "index.html").write_text(html, encoding="utf-8")
     count = sum(len(section.pictures) for section in sections)
+    for line in left_out:
+        sys.stderr.write(f"{line}\n")
     sys.stdout.write(f"{out / 'index.html'}: {count} figures, {time.monotonic() - begin:.0f} s\n")
     return 0

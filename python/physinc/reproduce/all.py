@@ -1,7 +1,10 @@
 """The experiments, in the paper's order."""
 
 from .experiment import Experiment
+from .laws import EXPERIMENT as LAWS
+from .recordings import EXPERIMENT as RECORDINGS
 from .rotation import EXPERIMENT as ROTATION
 from .surfaces import EXPERIMENT as SURFACES
+from .translation import EXPERIMENT as TRANSLATION
 
-EXPERIMENTS: tuple[Experiment, ...] = (ROTATION, SURFACES)
+EXPERIMENTS: tuple[Experiment, ...] = (ROTATION, TRANSLATION, SURFACES, LAWS, RECORDINGS)

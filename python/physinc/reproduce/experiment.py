@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+
+from physinc.errors import PhysincError
 
 Task = tuple[Callable[..., Any], tuple[Any, ...]]
 """A function of a module, and its arguments: it can be done in another process."""
@@ -66,13 +68,30 @@ class Experiment:
     """What is to be done for these seeds."""
     section: Callable[[Sequence[int], list[Any]], Section]
     """Seeds and what the tasks returned, in their order, made into a section."""
+    needs: Callable[[], str | None] = lambda: None
+    """What else it needs and doesn't find."""
+
+    def lacks(self, scenes: Collection[str]) -> str | None:
+        """Say what is missing to run it, where these are all the `scenes` there are."""
+        unknown = [scene for scene in self.scenes if scene not in scenes]
+        return f"there is no scene {', '.join(unknown)}" if unknown else self.needs()
+
+
+T = TypeVar("T")
+
+
+def found(answer: T | None) -> T:
+    """Return the answer where physics has one, as it has in every scene that is shown."""
+    if answer is None:
+        raise PhysincError("a fit that a figure shows found nothing: choose other seeds")
+    return answer
 
 
 def spread(values: Sequence[float], digits: int, unit: str, of: int) -> str:
     """Mean ± standard deviation of what was found, and in how many of the seeds if not in all."""
-    found = np.array([value for value in values if np.isfinite(value)])
-    if not len(found):
+    finite = np.array([value for value in values if np.isfinite(value)])
+    if not len(finite):
         return "not found"
-    sd = f" ± {found.std(ddof=1):.{digits}f}" if len(found) > 1 else ""
-    part = f" ({len(found)} of {of})" if len(found) < of else ""
-    return f"{found.mean():.{digits}f}{sd} {unit}{part}"
+    sd = f" ± {finite.std(ddof=1):.{digits}f}" if len(finite) > 1 else ""
+    part = f" ({len(finite)} of {of})" if len(finite) < of else ""
+    return f"{finite.mean():.{digits}f}{sd} {unit}{part}"

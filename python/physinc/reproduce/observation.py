@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+import tomlkit
 from numpy.typing import NDArray
 
-from .. import _physinc as p
-from ..event import Event
-from ..streaming import stream
+from physinc import _physinc as p
+from physinc.event import Event
+from physinc.streaming import stream
 
 Array = NDArray[np.float64]
 E = TypeVar("E", bound=Event)
@@ -93,11 +94,8 @@ def images(scene: str) -> tuple[NDArray[np.float64], dict[str, float]]:
         p.simulate(f"{scene}{joint}kind=depth", out)
         with np.load(out) as arrays:
             depth = arrays["depth_mm"]
-    started = next(iter(stream(f"sim:{scene}")))
-    assert isinstance(started, p.StreamStarted)
-    camera = started.camera
-    assert camera is not None
-    return np.where(depth > 0, depth * 1e-3, np.nan), {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy")}
+        camera = tomlkit.parse(out.with_suffix(".camera.toml").read_text(encoding="utf-8")).unwrap()
+    return np.where(depth > 0, depth * 1e-3, np.nan), {name: float(camera[name]) for name in ("fx", "fy", "cx", "cy")}
 
 
 def deproject(depth: Array, camera: dict[str, float]) -> Array:

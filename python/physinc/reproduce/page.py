@@ -8,7 +8,8 @@ from importlib.resources import files
 
 import jinja2
 
-from .._physinc import __version__
+from physinc._physinc import __version__
+
 from .experiment import Section
 
 

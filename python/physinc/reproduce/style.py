@@ -10,15 +10,15 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-TRUE = {"color": "0.0", "lw": 1.2}
+TRUE: dict[str, Any] = {"color": "0.0", "lw": 1.2}
 """What is true: a thin black line."""
-MEASURED = {"color": "#1b4f9c", "marker": "o", "ms": 4.0, "lw": 0}
+MEASURED: dict[str, Any] = {"color": "#1b4f9c", "marker": "o", "ms": 4.0, "lw": 0}
 """Measured: dark blue dots, the paper's blue."""
-PREDICTED = {"color": "#e4572e", "ls": "--", "lw": 1.8}
+PREDICTED: dict[str, Any] = {"color": "#e4572e", "ls": "--", "lw": 1.8}
 """Predicted: a dashed red line, the paper's red."""
-PAPER = {"color": "#e0a100", "marker": "s", "ms": 4.5, "mec": "0.25", "mew": 0.5}
+PAPER: dict[str, Any] = {"color": "#e0a100", "marker": "s", "ms": 4.5, "mec": "0.25", "mew": 0.5}
 """By the paper's method: amber squares."""
-OURS = {"color": "#0a6e5f", "marker": "D", "ms": 4.5}
+OURS: dict[str, Any] = {"color": "#0a6e5f", "marker": "D", "ms": 4.5}
 """By ours: green diamonds."""
 WIDTH = 7.6
 """Of a figure, inches; the page shows it a little wider."""

@@ -10,9 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from .. import _physinc as p
-from ..arrays import fit_flight, fit_sphere
-from .experiment import Picture
+from physinc import _physinc as p
+from physinc.arrays import fit_flight, fit_sphere
+
+from .experiment import Picture, found
 from .observation import Array, Observation, Trace, deproject, images, observe
 from .style import MEASURED, OURS, PAPER, PREDICTED, TRUE, empty_sheet, label, legend_below, picture_of_depth, png, sheet
 
@@ -24,18 +25,18 @@ RADIUS = 0.033
 def bounces(seen: Observation) -> list[tuple[Trace, p.Contact, int]]:
     """Contacts with their track, and how many of its positions come before; those with enough on either side."""
     traces = {trace.track: trace for trace in seen.traces()}
-    found = []
+    enough = []
     for contact in seen.of(p.Contact):
         if contact.track in traces:
             trace = traces[contact.track]
             before = int(np.searchsorted(trace.t, seen.seconds(contact.time_ns)))
             if before >= SIDE and len(trace.t) - before >= SIDE:
-                found.append((trace, contact, before))
-    return found
+                enough.append((trace, contact, before))
+    return enough
 
 
 def along(trace: Trace) -> Array:
-    """Unit vector of the horizontal way of a track."""
+    """Return the unit vector of the horizontal way of a track."""
     way = (trace.center[-1] - trace.center[0]) * [1.0, 1.0, 0.0]
     return np.asarray(way / np.linalg.norm(way))
 
@@ -45,8 +46,7 @@ def inconsistency(seen: Observation) -> Picture:
     # The first bounce of its track, seen for long before.
     trace, contact, before = max((b for b in bounces(seen)), key=lambda b: b[2] if b[1].time_ns == _first(seen, b[0]) else 0)
     way, start, n = along(trace), trace.center[0], before - 2
-    flight = fit_flight(trace.t[:n], trace.center[:n], "free_fall_with_drag", covariance=trace.covariance[:n])
-    assert flight is not None
+    flight = found(fit_flight(trace.t[:n], trace.center[:n], "free_fall_with_drag", covariance=trace.covariance[:n]))
     end = min(len(trace.t), before + 14)
     times = np.linspace(trace.t[0], trace.t[before] + 0.1, 80)
     path = np.array([flight.predict(t)[0] for t in times])
@@ -90,8 +90,7 @@ def sphere(scene: str) -> Picture:
     near = np.isfinite(cloud[..., 2]) & (np.hypot(columns - u, rows - v) < 1.4 * size)
     ball = near & (np.abs(cloud[..., 2] - center[2]) < 0.06)
     points = cloud[ball]
-    fit = fit_sphere(points, RADIUS)
-    assert fit is not None
+    fit = found(fit_sphere(points, RADIUS))
     figure = empty_sheet(3.9)
     left = figure.add_subplot(1, 2, 1)
     picture_of_depth(
@@ -122,8 +121,10 @@ def sphere(scene: str) -> Picture:
     axes.set(xlim=(-36, 36), ylim=(-36, 36), zlim=(-36, 36))
     legend_below(figure, left, axes)
     caption = (
-        f"The ball's center by least squares of a sphere of known radius: {fit.inliers} points, {1e3 * fit.residual_rms:.1f} mm rms from it,"
-        f" at a distance of {center[2]:.2f} m. {len(others)} readings next to it belong to the known scene and are left out (sand-coloured: no reading, the ball's shadow)."
+        f"The ball's center by least squares of a sphere of known radius: {fit.inliers} points, {1e3 * fit.residual_rms:.1f} mm rms"
+        f" from it,"
+        f" at a distance of {center[2]:.2f} m. {len(others)} readings next to it belong to the known scene and are left out"
+        f" (sand-coloured: no reading, the ball's shadow)."
     )
     return Picture("figure_04_sphere", "Counterpart of figure 4: a sphere fitted to its points", caption, png(figure))
 
@@ -211,7 +212,8 @@ def reconstruction(paper: Observation, ours: Observation) -> Picture:
         label(top, "x / m", "y / m", title=f"(b) top view, {name}")
     caption = (
         "Patches (blue) where interactions were detected, planes through them (red, as far as they were touched), and the true glass box"
-        " overlaid (black; the ground is z = 0). The paper's patches follow the motion just before and after; ours lie across the normal that"
+        " overlaid (black; the ground is z = 0). The paper's patches follow the motion just before and after; ours lie across the"
+        " normal that"
         " impulse and friction tell."
     )
     return Picture("figure_10_reconstruction", "Counterpart of figure 10: the environment through its interactions", caption, png(figure))
@@ -233,8 +235,8 @@ def _from_above(axes: Axes, patches: list[Array], surfaces: list[p.Surface], cor
 
 def interactions(seen: Observation) -> Picture:
     """Figure 11: a trajectory with its interactions, and one of them from near."""
-    found = bounces(seen)
-    several = [trace for trace, _, _ in found if sum(t.track == trace.track for t, _, _ in found) > 1] or [found[0][0]]
+    touched = bounces(seen)
+    several = [trace for trace, _, _ in touched if sum(t.track == trace.track for t, _, _ in touched) > 1] or [touched[0][0]]
     # The one that goes farthest.
     trace = max(several, key=lambda trace: float((trace.center[-1] - trace.center[0]) @ along(trace)))
     track = trace.track
@@ -254,7 +256,7 @@ def interactions(seen: Observation) -> Picture:
             left.plot(*flat(ends), color=PAPER["color"], lw=3, label="its direction, the paper's" if contact is mine[0] else None)
     left.set_aspect("equal", "datalim")
     label(left, "way along the throw / m", "height of the center / m", title="(a) trajectory and interactions")
-    contact, before = next((c, b) for t, c, b in found if t.track == track)
+    contact, before = next((c, b) for t, c, b in touched if t.track == track)
     touch = seen.seconds(contact.time_ns)
     for part, style, name in (
         (slice(before - SIDE, before), "--", "parabola of 8 before"),

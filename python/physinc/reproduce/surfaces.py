@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from .. import _physinc as p
+from physinc import _physinc as p
+
 from . import surface_figures as figures
 from .experiment import Experiment, Section, Table, Task, spread
 from .observation import PAPER, Observation, observe
@@ -79,7 +80,7 @@ def table(paper: Sequence[Estimate], ours: Sequence[Estimate]) -> Table:
     """Table 1 with four columns."""
     of = len(ours)
 
-    def row(name: str, actual: str, published: str, field: str, scale: float, unit: str) -> list[str]:
+    def row(name: str, actual: str, published: str, *, field: str, scale: float, unit: str) -> list[str]:
         columns = [[scale * getattr(estimate, field) for estimate in method] for method in (paper, ours)]
         return [name, actual, published, *(spread(column, 2, unit, of) for column in columns)]
 
@@ -88,12 +89,12 @@ def table(paper: Sequence[Estimate], ours: Sequence[Estimate]) -> Table:
         "Table 1",
         ("quantity", "actual", "paper", "paper's method here", "ours"),
         [
-            row("box height", "90 mm", "92 mm", "height", 1e3, "mm"),
-            row("box top orientation", "0°", "4.8°", "box_tilt", degrees, "°"),
-            row("ground orientation", "0°", "5.6°", "ground_tilt", degrees, "°"),
-            row("single patches' orientation (rms)", "0°", "–", "patch_tilt", degrees, "°"),
+            row("box height", "90 mm", "92 mm", field="height", scale=1e3, unit="mm"),
+            row("box top orientation", "0°", "4.8°", field="box_tilt", scale=degrees, unit="°"),
+            row("ground orientation", "0°", "5.6°", field="ground_tilt", scale=degrees, unit="°"),
+            row("single patches' orientation (rms)", "0°", "–", field="patch_tilt", scale=degrees, unit="°"),
         ],
-        f"Mean ± standard deviation over {of} seeds of `sim:bounce` (six throws). By the paper's method: θ = 6 mm on one-step predictions by"
+        f"Mean ± standard deviation over {of} seeds of sim:bounce (six throws). By the paper's method: θ = 6 mm on one-step predictions by"
         " Eq. 5, two free parabolas, patches along the motion; planes through contacts are ours in both. Orientation is the angle from the"
         " horizontal, which cannot be below 0.",
     )
@@ -105,8 +106,9 @@ def section(seeds: Sequence[int], results: Sequence[Any]) -> Section:
     paper, ours = observe(scene, PAPER), observe(scene)
     return Section(
         "Invisible surfaces (sec. 3.2)",
-        "A Kinect stands on the ground and looks horizontally: neither the ground nor a box of glass gives it a depth reading. A tennis ball"
-        f" is thrown over both, and where its flight is inconsistent with gravity there must be a surface. Figures: `sim:{scene}`.",
+        "A Kinect stands on the ground and looks horizontally: neither the ground nor a box of glass gives it a depth reading. A"
+        " tennis ball"
+        f" is thrown over both, and where its flight is inconsistent with gravity there must be a surface. Figures: sim:{scene}.",
         [
             figures.inconsistency(ours),
             figures.sphere(f"room?throws=1&seed={seeds[0]}"),
