@@ -118,7 +118,7 @@ def sphere(scene: str) -> Picture:
     axes.view_init(elev=18, azim=-62)
     axes.set_box_aspect((1, 1, 1))
     label(axes, "right / mm", "forward / mm", "up / mm", title="(b) its points and the sphere")
-    axes.set(xlim=(-36, 36), ylim=(-36, 36), zlim=(-36, 36))
+    axes.set(xlim=(-36, 36), ylim=(-36, 36), zlim=(-36, 36), xticks=(-30, 0, 30), yticks=(-30, 0, 30), zticks=(-30, 0, 30))
     legend_below(figure, left, axes)
     caption = (
         f"The ball's center by least squares of a sphere of known radius: {fit.inliers} points, {1e3 * fit.residual_rms:.1f} mm rms"
@@ -193,21 +193,22 @@ def _patch(contact: p.Contact, *, paper: bool) -> Array | None:
 
 def reconstruction(paper: Observation, ours: Observation) -> Picture:
     """Figure 10: the environment through the detected interactions, in perspective and from above."""
-    figure = empty_sheet(6.4)
+    figure = empty_sheet(5.9)
+    grid = figure.add_gridspec(2, 2, height_ratios=(1, 1.15))
     corners, _ = _box(ours)
     for column, (name, seen) in enumerate((("paper's method", paper), ("ours", ours))):
         patches = [q for c in seen.of(p.Contact) if (q := _patch(c, paper=column == 0)) is not None]
         surfaces = [s for s in seen.of(p.Surface) if s.merged_into is None and s.outline is not None and len(s.outline) > 2]
-        axes: Any = figure.add_subplot(2, 2, 1 + column, projection="3d")
+        axes: Any = figure.add_subplot(grid[0, column], projection="3d")
         axes.add_collection3d(Poly3DCollection(patches, facecolor=MEASURED["color"], edgecolor="0.2", lw=0.4, alpha=0.9))
         axes.add_collection3d(Poly3DCollection([s.outline for s in surfaces], facecolor=PREDICTED["color"], alpha=0.25))
         axes.add_collection3d(Line3DCollection(_edges(seen), color="0.0", lw=1.0))
         axes.set(xlim=(-0.7, 0.8), ylim=(1.2, 2.4), zlim=(-0.02, 0.22))
-        axes.set_box_aspect((1.5, 1.2, 0.5), zoom=1.3)
+        axes.set_box_aspect((1.5, 1.2, 0.5), zoom=1.15)
         axes.view_init(elev=17, azim=-70)
         axes.set(xticks=[-0.5, 0.0, 0.5], yticks=[1.4, 1.8, 2.2], zticks=[0.0, 0.1, 0.2])
         label(axes, "x / m", "y / m", "height / m", title=f"(a) reconstruction, {name}")
-        top = figure.add_subplot(2, 2, 3 + column)
+        top = figure.add_subplot(grid[1, column])
         _from_above(top, patches, surfaces, corners)
         label(top, "x / m", "y / m", title=f"(b) top view, {name}")
     caption = (
