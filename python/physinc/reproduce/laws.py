@@ -112,6 +112,8 @@ def section(seeds: Sequence[int], results: Sequence[Residuals]) -> Section:
                 axis.plot(np.quantile(distances, QUANTILE), 100 * QUANTILE, color=color, marker="o", ms=6)
         axis.axvline(6, color="0.3", ls=":", lw=1.2, label="the paper's θ, 6 mm")
         axis.set_xscale("log")
+        axis.set_xticks([0.5, 1, 2, 5, 10, 20], ["0.5", "1", "2", "5", "10", "20"])
+        axis.minorticks_off()
         label(axis, "distance from the prediction / mm", "consistent measurements / %", title=titles[horizon])
     legend_below(figure, axes[0], columns=3)
     for name, _, _ in LAWS:

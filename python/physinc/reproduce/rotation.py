@@ -102,8 +102,9 @@ def frames(seed: int) -> Picture:
     seen = observe(scene)
     depth, camera = images(scene)
     roll = seen.of(p.CameraOrientation)[-1].roll
-    positions = seen.of(p.Position)
-    start = positions[len(positions) // 3].frame
+    shown = [(np.asarray(q.center_in_camera), q.frame) for q in seen.of(p.Position) if q.center_in_camera is not None]
+    # Where the ball is in the middle, and so not cropped away.
+    start = min(shown, key=lambda at: float(np.hypot(*at[0][:2]) / at[0][2]))[1]
     figure, axes = sheet(2, 2, 5.6)
     middle = camera["cx"], camera["cy"]
     # Turned back about the principal point; cropped to what every pixel is known of.
@@ -115,7 +116,7 @@ def frames(seed: int) -> Picture:
     for column, index in enumerate((start, start + 1)):
         for row, name in enumerate(("as seen", f"turned by {math.degrees(roll):.1f}° and cropped")):
             axis = axes[row, column]
-            image = picture_of_depth(axis, depth[index], f"({'ab'[row]}) frame {index}, {name}", near=1.0, far=4.0)
+            image = picture_of_depth(axis, depth[index], f"({'ab'[row]}) frame {index}, {name}", near=0.3, far=4.0)
             if row:
                 image.set_transform(turn + axis.transData)
                 axis.set_xlim(middle[0] - half_height * 4 / 3, middle[0] + half_height * 4 / 3)

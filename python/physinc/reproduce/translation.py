@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from physinc import _physinc as p
+from physinc.arrays import fit_flight
 
-from .experiment import Experiment, Picture, Section, Table, Task, spread
+from .experiment import Experiment, Picture, Section, Table, Task, found, spread
 from .observation import Array, Observation, images, observe
 from .style import MEASURED, OURS, PAPER, PREDICTED, TRUE, label, legend_below, picture_of_depth, png, sheet
 
@@ -114,11 +115,12 @@ def frames(seen: Observation) -> Picture:
     """Figure 7: four sample frames."""
     depth, _ = images(seen.scene)
     positions = seen.of(p.Position)
-    chosen = [positions[i].frame for i in np.linspace(0, len(positions) - 1, 4).round().astype(int)]
-    figure, axes = sheet(1, 4, 2.3, sharey=True)
+    come = {q.frame: float(np.linalg.norm(seen.truth["frames"][q.frame]["camera_displacement"])) for q in positions}
+    between = [min(come, key=lambda frame: abs(come[frame] - part * max(come.values()))) for part in (1 / 3, 2 / 3)]
+    chosen = [positions[0].frame, *between, positions[-1].frame]
+    figure, axes = sheet(1, 4, 1.95, sharey=True)
     for axis, frame in zip(axes, chosen, strict=True):
-        moved = np.linalg.norm(seen.truth["frames"][frame]["camera_displacement"])
-        picture_of_depth(axis, depth[frame], f"frame {frame}, {1e3 * moved:.0f} mm", near=0.5, far=4)
+        picture_of_depth(axis, depth[frame], f"frame {frame}, {1e3 * come[frame]:.0f} mm", near=0.5, far=4)
         axis.set_xticks([0, 300, 600])
     for axis in axes[1:]:
         axis.set_ylabel("row / px")
@@ -141,7 +143,10 @@ def moved(seen: Observation, paths: dict[str, Path]) -> Picture:
     figure, (left, right) = sheet(1, 2, 4.1)
     left.plot(measured[:, 0], measured[:, 2], **MEASURED, label="measured, in the camera's axes")
     predicted = measured + camera
-    left.plot(predicted[:, 0], predicted[:, 2], **PREDICTED, marker="^", ms=4, label="in the world, as gravity lets it fly")
+    flight = found(fit_flight(trace.t[known], predicted, "free_fall_with_drag"))
+    fall = np.array([flight.predict(t)[0] for t in np.linspace(trace.t[known[0]], trace.t[known[-1]], 60)])
+    left.plot(fall[:, 0], fall[:, 2], **PREDICTED, label="predicted in the world, by gravity")
+    left.plot(predicted[:, 0], predicted[:, 2], **OURS, lw=0, label="measured + the camera's path")
     for a, b in list(zip(measured, predicted, strict=True))[::3]:
         left.plot([a[0], b[0]], [a[2], b[2]], color="0.75", lw=0.8, zorder=0)
     left.set_aspect("equal", "datalim")
@@ -160,7 +165,7 @@ def moved(seen: Observation, paths: dict[str, Path]) -> Picture:
     label(right, "time / s", "camera displacement / mm", title="(b) the camera's path, ours ± 2 σ")
     legend_below(figure, left, right)
     caption = (
-        f"Measured trajectory and the one that gravity allows; their difference is the camera's path: from start to end"
+        f"Measured trajectory and the one that gravity predicts; their difference is the camera's path: from start to end"
         f" {1e3 * ours.length():.1f} mm"
         f" (true {1e3 * ours.true_length():.1f}; by the paper's method {1e3 * paths['paper'].length():.1f}; the paper measured 165"
         f" for 155)."
