@@ -9,6 +9,8 @@ pub mod inconsistency;
 pub mod law;
 pub mod paper;
 pub mod restitution;
+pub mod scale;
+pub mod split;
 pub mod translation;
 pub mod watch;
 
