@@ -3,10 +3,12 @@
 pub mod accumulator;
 pub mod contact;
 pub mod course;
+pub mod factor;
 pub mod flight;
 pub mod gravity;
 pub mod inconsistency;
 pub mod law;
+pub mod moments;
 pub mod paper;
 pub mod restitution;
 pub mod scale;
