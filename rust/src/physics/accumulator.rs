@@ -91,7 +91,8 @@ impl<const N: usize> Accumulator<N> {
         self.information -= cross.transpose() * solved;
         self.vector -= cross.transpose() * pull;
         self.square -= vector.dot(&pull);
-        self.log_weight += 1.5 * libm::log(core::f64::consts::TAU) - 0.5 * libm::log(information.determinant().max(f64::MIN_POSITIVE));
+        self.weights.multiply(1.0 / information.determinant());
+        self.observed = self.observed.saturating_sub(3);
     }
 
     /// The log of a prior's normalisation whose quadratic part went elsewhere: of three unknowns with this `information` about them.
@@ -248,8 +249,8 @@ mod tests {
         whole.expect_block(3, &Vec3::zeros(), &prior);
         reduced.normalise(&prior);
         for y in &seen {
-            whole.observe_point(&[1.0, 1.0], y, &w);
-            reduced.observe_point(&[1.0], y, &w);
+            whole.observe_design(&SMatrix::from_fn(|i, j| if j % 3 == i { 1.0 } else { 0.0 }), y, &w);
+            reduced.observe_design(&SMatrix::identity(), y, &w);
         }
         let cross = SMatrix::<f64, 3, 3>::from(w * 2.0);
         reduced.integrate_out(&(prior + w * 2.0), &cross, &(w * (seen[0] + seen[1])));
