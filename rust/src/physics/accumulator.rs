@@ -83,6 +83,23 @@ impl<const N: usize> Accumulator<N> {
         self.weigh(y.dot(&(weight * y)), weight);
     }
 
+    /// Integrates three unknowns out that no later observation sees. What was observed with them at zero says of them, beside x, that
+    /// `information` · them + `cross` · x = `vector`; their prior is part of that.
+    pub fn integrate_out(&mut self, information: &Mat3, cross: &SMatrix<f64, 3, N>, vector: &Vec3) {
+        let Some(cholesky) = information.cholesky() else { return };
+        let (solved, pull) = (cholesky.solve(cross), cholesky.solve(vector));
+        self.information -= cross.transpose() * solved;
+        self.vector -= cross.transpose() * pull;
+        self.square -= vector.dot(&pull);
+        self.weights.multiply(1.0 / information.determinant());
+        self.observed = self.observed.saturating_sub(3);
+    }
+
+    /// The log of a prior's normalisation whose quadratic part went elsewhere: of three unknowns with this `information` about them.
+    pub fn normalise(&mut self, information: &Mat3) {
+        self.weigh(0.0, information);
+    }
+
     fn weigh(&mut self, square: f64, weight: &Mat3) {
         self.square += square;
         self.weights.multiply(weight.determinant());
@@ -219,6 +236,28 @@ mod tests {
         // A line through t = 0, 1, 2: the slope's information is w Σ (t − 1)² = 8, its value (3 − 1) / 2.
         assert!((information - Mat3::from_diagonal_element(8.0)).abs().max() < 1e-9);
         assert!((vector - Vec3::new(8.0, -8.0, 16.0)).abs().max() < 1e-9);
+    }
+
+    #[test]
+    fn what_is_integrated_out_leaves_what_a_larger_fit_says_of_the_rest() {
+        // y = x + u with u ~ N(0, 0.5²), seen twice through the same u.
+        let (w, prior) = (Mat3::from_diagonal_element(4.0), Mat3::from_diagonal_element(4.0));
+        let seen = [Vec3::new(1.0, 2.0, 3.0), Vec3::new(1.5, 1.0, 3.5)];
+        let (mut whole, mut reduced) = (Accumulator::<6>::default(), Accumulator::<3>::default());
+        whole.expect_block(0, &Vec3::zeros(), &Mat3::identity());
+        reduced.expect_block(0, &Vec3::zeros(), &Mat3::identity());
+        whole.expect_block(3, &Vec3::zeros(), &prior);
+        reduced.normalise(&prior);
+        for y in &seen {
+            whole.observe_design(&SMatrix::from_fn(|i, j| if j % 3 == i { 1.0 } else { 0.0 }), y, &w);
+            reduced.observe_design(&SMatrix::identity(), y, &w);
+        }
+        let cross = SMatrix::<f64, 3, 3>::from(w * 2.0);
+        reduced.integrate_out(&(prior + w * 2.0), &cross, &(w * (seen[0] + seen[1])));
+        let (whole, reduced) = (whole.solve().unwrap(), reduced.solve().unwrap());
+        assert!((whole.log_evidence - reduced.log_evidence).abs() < 1e-9);
+        assert!((whole.mean.fixed_rows::<3>(0) - reduced.mean).norm() < 1e-12);
+        assert!((whole.covariance.fixed_view::<3, 3>(0, 0) - reduced.covariance).norm() < 1e-12);
     }
 
     #[test]
