@@ -282,7 +282,7 @@ mod tests {
         let little = ply("binary_little_endian", "uint", &binary_ply(f32::to_le_bytes, |v| u32::from(v).to_le_bytes().into()));
         wrong("cut.ply", &little[..little.len() - 3], "can't be read as PLY");
         wrong("negative.ply", &ply("ascii", "int", b"0 0 0 0\n1 0 0 0\n0 1 0 0\n0 0 1 0\n3 0 1 -1\n"), "can't be read as PLY");
-        wrong("text2.ply", &ply("ascii", "int", b"0 0 0 0\nzero\n"), "line 12 is not what its header says");
+        wrong("text2.ply", &ply("ascii", "int", b"0 0 0 0\nzero\n"), "line 13 is not what its header says");
         wrong(
             "cloud.ply",
             b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n",
