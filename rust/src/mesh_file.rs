@@ -271,14 +271,14 @@ mod tests {
         wrong("text.obj", b"This is no mesh.\n", "no triangles");
         wrong("points.obj", b"v 0 0 0\nv 1 0 0\n", "no triangles");
         wrong("index.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "can't be read as OBJ: face vertex index out of bounds; export");
-        wrong("nan.obj", b"v 0 nan 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "vertex 0 (from 0) is NaN or infinite");
+        wrong("nan.obj", b"v 0 nan 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "1 of its vertices are NaN or infinite");
         wrong("empty.stl", b"", "can't be read as STL");
         wrong("cut.stl", &binary_stl(b"")[..200], "can't be read as STL");
         wrong("cut2.stl", &ascii_stl(" a").as_bytes()[..200], "can't be read as STL");
         wrong("nan.stl", ascii_stl(" a").replacen("vertex 1 0 0", "vertex 1 nan 0", 1).as_bytes(), "got NaN");
         let mut binary = binary_stl(b"");
         binary[100..104].copy_from_slice(&f32::NAN.to_le_bytes());
-        wrong("nan2.stl", &binary, "vertex 0 (from 0) is NaN or infinite");
+        wrong("nan2.stl", &binary, "1 of its vertices are NaN or infinite");
         wrong("text.ply", b"This is no mesh.\n", "can't be read as PLY");
         let little = ply_file("binary_little_endian", "uint", &binary_ply(f32::to_le_bytes, |v| u32::from(v).to_le_bytes().into()));
         wrong("cut.ply", &little[..little.len() - 3], "can't be read as PLY");
