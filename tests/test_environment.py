@@ -27,11 +27,11 @@ def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     ("mesh", "pose", "message"),
     [
         (CORNERS, RIGID, "it has no triangles"),
-        (CLOSED.replace("v 1 0 0", "v 1 nan 0"), RIGID, "vertex 1 (from 0) is NaN or infinite"),
+        (CLOSED.replace("v 1 0 0", "v 1 nan 0"), RIGID, "1 of its vertices are NaN or infinite"),
         (CLOSED.replace("f 1 3 2\n", ""), RIGID, "it is not closed: 3 of its edges"),
         (CLOSED.replace("f 1 3 2", "f 1 2 3"), RIGID, "its faces look different ways"),
         (CORNERS + "f 1 2 3\nf 1 4 2\nf 2 4 3\nf 3 4 1\n", RIGID, "it is inside out"),
-        (CLOSED.replace(" 1", " 2500"), RIGID, "export the mesh anew"),
+        (CORNERS + "f 1 2 9\n", RIGID, "can't be read as OBJ: face vertex index out of bounds"),
         (CLOSED.replace("v 1 0 0", "v 2500 0 0"), RIGID, "in metres, not in millimetres"),
         (CLOSED, RIGID.replace("-1", "-2"), "environment.mesh.pose: expected 4 rows of 4, a rotation and a translation"),
     ],

@@ -184,6 +184,7 @@ impl PropertyAccess for Element {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
     use std::vec;
 
     const PLACES: [[f32; 3]; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
@@ -200,7 +201,7 @@ mod tests {
         mesh
     }
 
-    fn ply(format: &str, lists: &str, body: &[u8]) -> Vec<u8> {
+    fn ply_file(format: &str, lists: &str, body: &[u8]) -> Vec<u8> {
         let header = format!(
             "ply\nformat {format} 1.0\ncomment made by hand\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
              property uchar red\nelement face 4\nproperty list uchar {lists} vertex_indices\nend_header\n"
@@ -243,9 +244,9 @@ mod tests {
             ("nameless.STL", ascii_stl("").into_bytes()),
             ("binary.stl", binary_stl(b"made by hand")),
             ("solid.stl", binary_stl(b"solid, says its free text")),
-            ("ascii.ply", ply("ascii", "int", text.as_bytes())),
-            ("little.ply", ply("binary_little_endian", "uint", &binary_ply(f32::to_le_bytes, |v| u32::from(v).to_le_bytes().into()))),
-            ("big.ply", ply("binary_big_endian", "ushort", &binary_ply(f32::to_be_bytes, |v| u16::from(v).to_be_bytes().into()))),
+            ("ascii.ply", ply_file("ascii", "int", text.as_bytes())),
+            ("little.ply", ply_file("binary_little_endian", "uint", &binary_ply(f32::to_le_bytes, |v| u32::from(v).to_le_bytes().into()))),
+            ("big.ply", ply_file("binary_big_endian", "ushort", &binary_ply(f32::to_be_bytes, |v| u16::from(v).to_be_bytes().into()))),
         ];
         for (name, bytes) in files {
             assert_eq!(read_as(name, &bytes).map(|mesh| mesh.len()), Ok(4), "{name}");
@@ -270,26 +271,63 @@ mod tests {
         wrong("text.obj", b"This is no mesh.\n", "no triangles");
         wrong("points.obj", b"v 0 0 0\nv 1 0 0\n", "no triangles");
         wrong("index.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "can't be read as OBJ: face vertex index out of bounds; export");
-        wrong("nan.obj", b"v 0 nan 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "vertex 0 (from 0) is NaN or infinite");
+        wrong("nan.obj", b"v 0 nan 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "1 of its vertices are NaN or infinite");
         wrong("empty.stl", b"", "can't be read as STL");
         wrong("cut.stl", &binary_stl(b"")[..200], "can't be read as STL");
         wrong("cut2.stl", &ascii_stl(" a").as_bytes()[..200], "can't be read as STL");
         wrong("nan.stl", ascii_stl(" a").replacen("vertex 1 0 0", "vertex 1 nan 0", 1).as_bytes(), "got NaN");
         let mut binary = binary_stl(b"");
         binary[100..104].copy_from_slice(&f32::NAN.to_le_bytes());
-        wrong("nan2.stl", &binary, "vertex 0 (from 0) is NaN or infinite");
+        wrong("nan2.stl", &binary, "1 of its vertices are NaN or infinite");
         wrong("text.ply", b"This is no mesh.\n", "can't be read as PLY");
-        let little = ply("binary_little_endian", "uint", &binary_ply(f32::to_le_bytes, |v| u32::from(v).to_le_bytes().into()));
+        let little = ply_file("binary_little_endian", "uint", &binary_ply(f32::to_le_bytes, |v| u32::from(v).to_le_bytes().into()));
         wrong("cut.ply", &little[..little.len() - 3], "can't be read as PLY");
-        wrong("negative.ply", &ply("ascii", "int", b"0 0 0 0\n1 0 0 0\n0 1 0 0\n0 0 1 0\n3 0 1 -1\n"), "can't be read as PLY");
-        wrong("text2.ply", &ply("ascii", "int", b"0 0 0 0\nzero\n"), "line 12 is not what its header says");
+        wrong("negative.ply", &ply_file("ascii", "int", b"0 0 0 0\n1 0 0 0\n0 1 0 0\n0 0 1 0\n3 0 1 -1\n"), "can't be read as PLY");
+        wrong("text2.ply", &ply_file("ascii", "int", b"0 0 0 0\nzero\n"), "line 13 is not what its header says");
         wrong(
             "cloud.ply",
             b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n",
             "no triangles",
         );
         wrong("bomb.ply", b"ply\nformat binary_little_endian 1.0\nelement face 4000000000\nend_header\n", "promises more than there is");
-        wrong("flat.ply", &ply("ascii", "int", b"0 0 0 0\n1 0 0 0\n0 1 0 0\n0 0 1 0\n3 0 1 2\n3 0 2 1\n3 0 1 2\n3 0 2 1\n"), "not closed");
+        wrong(
+            "flat.ply",
+            &ply_file("ascii", "int", b"0 0 0 0\n1 0 0 0\n0 1 0 0\n0 0 1 0\n3 0 1 2\n3 0 2 1\n3 0 1 2\n3 0 2 1\n"),
+            "not closed",
+        );
+    }
+
+    fn good() -> [(Parse, Vec<u8>); 5] {
+        let text = "0 0 0 1\n1 0 0 1\n0 1 0 1\n0 0 1 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 2 0 3\n";
+        [
+            (obj, b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvn 0 0 1\nf 1//1 3//1 2//1\nf 1 2 4\nf 2 3 4\nf -2 -4 -1\n".to_vec()),
+            (stl, ascii_stl(" a").into_bytes()),
+            (stl, binary_stl(b"a")),
+            (ply, ply_file("ascii", "int", text.as_bytes())),
+            (ply, ply_file("binary_little_endian", "uint", &binary_ply(f32::to_le_bytes, |v| u32::from(v).to_le_bytes().into()))),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn no_bytes_make_it_panic(
+            changes in prop::collection::vec((any::<prop::sample::Index>(), prop_oneof![any::<u8>(), prop::sample::select(b"0-9 .e\n".to_vec())]), 0..6),
+            cut in prop::option::of(any::<prop::sample::Index>()),
+            noise in prop::collection::vec(any::<u8>(), 0..200),
+        ) {
+            for (parse, mut bytes) in good() {
+                for (at, byte) in &changes {
+                    let at = at.index(bytes.len());
+                    bytes[at] = *byte;
+                }
+                bytes.truncate(cut.map_or(bytes.len(), |cut| cut.index(bytes.len())));
+                for file in [bytes, noise.clone()] {
+                    if let Ok(soup) = parse(file) {
+                        let _ = Mesh::new(&soup.vertices, &soup.triangles);
+                    }
+                }
+            }
+        }
     }
 
     #[test]

@@ -179,7 +179,7 @@ mod tests {
         for bad in [f64::NAN, f64::INFINITY] {
             let mut broken = good.clone();
             broken.0[3][1] = bad;
-            assert_eq!(error_of(&broken), MeshError::NotFinite(3));
+            assert_eq!(error_of(&broken), MeshError::NotFinite(1));
         }
         let mut astray = good.clone();
         astray.1[2][1] = 99;

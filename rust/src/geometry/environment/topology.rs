@@ -18,8 +18,8 @@ pub enum MeshError {
     /// There are too many.
     #[error("it has {0} triangles, more than {MOST_TRIANGLES}; decimate it in a mesh editor")]
     TooMany(usize),
-    /// A coordinate is no number.
-    #[error("vertex {0} (from 0) is NaN or infinite; remove it in a mesh editor, or export the mesh anew")]
+    /// Coordinates are no numbers; so many vertices have such.
+    #[error("{0} of its vertices are NaN or infinite; remove them in a mesh editor, or export the mesh anew")]
     NotFinite(usize),
     /// A triangle has a corner that isn't there.
     #[error("triangle {triangle} (from 0) has the vertex {vertex}, but there are {vertices}; export the mesh anew")]
@@ -69,8 +69,9 @@ pub fn body(vertices: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<Faces, Mesh
         _ => {}
     }
     let far = |v: &[f64; 3]| v.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
-    if let Some(vertex) = vertices.iter().position(|v| v.iter().any(|x| !x.is_finite())) {
-        return Err(MeshError::NotFinite(vertex));
+    match vertices.iter().filter(|v| v.iter().any(|x| !x.is_finite())).count() {
+        0 => {}
+        n => return Err(MeshError::NotFinite(n)),
     }
     let reach = vertices.iter().map(far).fold(0.0, f64::max);
     if reach > FARTHEST {
