@@ -63,7 +63,7 @@ def patch_tilt(contact: p.Contact, *, paper: bool) -> float:
 
 
 def _height(box: p.Surface, ground: p.Surface) -> float:
-    """As the event says, or, where the planes don't pass for parallel, of the middle of the box's contacts over the ground."""
+    """As the event says, or, where it tells the height over another plane, of the middle of the box's contacts over the ground."""
     if box.above is not None and box.above.surface == ground.id:
         return box.above.height
     if box.outline is None:
