@@ -150,14 +150,14 @@ class KnownSphere:
 
 @dataclass(frozen=True)
 class KnownMesh:
-    """A known mesh; not in this version."""
+    """A known mesh: a closed surface, its triangles counter-clockwise as seen from outside."""
 
     path: str
-    """File, relative to the configuration."""
+    """File (OBJ, STL or PLY, units metres), relative to the configuration's; of a dict or dataclass, to the working directory."""
     name: str = ""
     """What to call it."""
     pose: Matrix | None = None
-    """Pose in the world, 4 rows of 4, rigid."""
+    """Pose in the world, 4 rows of 4, rigid; left out: the mesh is in world coordinates."""
 
 
 @dataclass(frozen=True)

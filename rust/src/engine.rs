@@ -240,6 +240,11 @@ impl<'b> Engine<'b> {
     pub fn predictors(&self) -> impl Iterator<Item = Predictor> + '_ {
         self.reasoning.predictors()
     }
+
+    /// What is known of the scene.
+    pub fn environment(&self) -> &Environment {
+        self.reasoning.environment()
+    }
 }
 
 #[cfg(feature = "std")]

@@ -8,6 +8,7 @@ use physinc::engine::Engine;
 use physinc::event::{CameraMotion, CameraOrientation, Contact, Event, Kind, Position, Undetermined};
 use physinc::math::{Mat3, Vec3};
 use physinc::physics::law::{FreeFallWithDrag, Law, State};
+use physinc::sim::Scene;
 use physinc::track::Measurement;
 
 const G: Vec3 = Vec3::new(0.0, 0.0, -9.81);
@@ -157,4 +158,53 @@ fn with_gravity_unknown_it_is_learned_from_flights_before_a_camera_that_stands()
     assert_eq!((last.flights, last.undetermined.as_slice()), (4, &[Undetermined::Heading][..]));
     assert!((Vec3::from(last.gravity_in_camera) - G).norm() < 0.05, "{:?}", last.gravity_in_camera);
     assert!(finals!(events, CameraMotion).iter().all(|(_, m)| m.undetermined.contains(&Undetermined::AccelerationOrGravity)));
+}
+
+/// Errors (camera axes, mm) of the path in simulated frames of one throw.
+fn path_errors(structure: &str) -> Vec<Vec3> {
+    let mut errors = Vec::new();
+    for seed in 0..3 {
+        let scene = Scene::parse(&format!("translating_camera?throws=1&structure={structure}&seed={seed}&distance=1.7")).unwrap();
+        let (events, pose) = judge::run(&scene, &moving(CameraAssumption::Moving, Method::Best));
+        hold(&events);
+        for (_, motion) in finals!(events, CameraMotion) {
+            let truth = scene.truth().frames[motion.frame as usize].camera_displacement.unwrap();
+            errors.push(pose.rotation.transpose() * (Vec3::from(motion.displacement) - Vec3::from(truth)) * 1e3);
+            assert!(!motion.undetermined.is_empty());
+        }
+    }
+    errors
+}
+
+fn rms_of(errors: &[Vec3], part: impl Fn(&Vec3) -> f64) -> f64 {
+    judge::rms(&errors.iter().map(part).collect::<Vec<_>>())
+}
+
+#[test]
+fn a_ball_alone_tells_the_path_of_a_camera_that_sees_nothing_else() {
+    let errors = path_errors("none");
+    assert!(errors.len() > 45 && rms_of(&errors, |e| e.norm()) < 5.0, "{}", rms_of(&errors, |e| e.norm()));
+}
+
+#[test]
+fn static_planes_tie_the_camera_down_along_their_normals() {
+    let errors = path_errors("both");
+    assert!(errors.len() > 45 && rms_of(&errors, |e| e.y) < 0.5 && rms_of(&errors, |e| e.z) < 0.5, "{errors:?}");
+    assert!(rms_of(&errors, |e| e.x) < 5.0, "{}", rms_of(&errors, |e| e.x));
+}
+
+#[test]
+fn a_rolled_camera_is_levelled_by_the_flights_before_it() {
+    for (method, one, six) in [(Method::Best, 0.6, 0.15), (Method::Paper, 9.0, 2.0)] {
+        let mut config = Config::default();
+        config.laws.method = method;
+        let scene = Scene::parse("rotated_camera?seed=3").unwrap();
+        let (events, _) = judge::run(&scene, &config);
+        let truth = Vec3::from(scene.truth().gravity_in_camera);
+        let found = finals!(events, CameraOrientation);
+        let off = |o: &CameraOrientation| truth.angle(&Vec3::from(o.gravity_in_camera)).to_degrees();
+        assert_eq!(found.len(), 6, "{method:?}");
+        assert!(off(found[0].1) < one && off(found[5].1) < six, "{method:?}: {} {}", off(found[0].1), off(found[5].1));
+        assert!((found[5].1.roll.to_degrees().abs() - 18.0).abs() < six);
+    }
 }

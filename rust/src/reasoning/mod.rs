@@ -8,6 +8,7 @@ pub use predictor::Predictor;
 use crate::config::{CameraAssumption, Config, SceneAssumption};
 use crate::event::{self, Event, TrackReason};
 use crate::geometry::camera::{Camera, Pose};
+use crate::geometry::environment::Environment;
 use crate::math::{Mat3, Vec3, rows};
 use crate::physics::between;
 use crate::physics::contact::Contact;
@@ -155,8 +156,14 @@ impl Reasoning {
     pub fn predictors(&self) -> impl Iterator<Item = Predictor> + '_ {
         self.tracks.iter().map(|track| {
             let law = self.law(track.radius);
-            Predictor { track: track.id, epoch_ns: track.epoch_ns, outlook: track.outlook(&self.around(&law)), law }
+            let outlook = track.outlook(&self.around(&law));
+            Predictor::new(track, outlook, law, self.gravity.mean, &self.config.object, self.surfaces.restitutions())
         })
+    }
+
+    /// What is known of the scene.
+    pub fn environment(&self) -> &Environment {
+        self.surfaces.environment()
     }
 
     /// Objects that are tracked.

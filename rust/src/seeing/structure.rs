@@ -5,7 +5,8 @@
 
 use super::Seeing;
 use super::image::Source;
-use crate::detect::foreground::Sample;
+use crate::detect::background;
+use crate::detect::foreground::{Sample, first_key_beyond};
 use crate::detect::noise::Noise;
 use crate::geometry::camera::{Camera, Pose};
 use crate::math::{Mat3, Vec3, sqrt};
@@ -40,17 +41,34 @@ struct Plane {
 /// Of each plane the unit normal (camera axes), how far the camera has moved along it (m), and the standard deviation of that.
 pub(super) type Shown = Vec<(Vec3, f64, f64), PLANES>;
 
+/// Inverse depths, from 0 to that of the nearest reading, of which limits are kept.
+const LEVELS: usize = 2048;
+const NEAREST: f64 = 0.4;
+
 /// The planes that the first frames showed.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Structure {
     planes: Vec<Plane, PLANES>,
     frames: u32,
+    /// For each level of inverse depth, the first key that is background where a plane is so far.
+    limits: [u16; LEVELS],
+}
+
+impl Structure {
+    fn new() -> Self {
+        Self { planes: Vec::new(), frames: 0, limits: [0; LEVELS] }
+    }
+}
+
+/// The level of inverse depth `q`, 1/m.
+fn level(q: f64) -> usize {
+    (q * NEAREST * (LEVELS - 1) as f64).clamp(0.0, (LEVELS - 1) as f64) as usize
 }
 
 impl Seeing<'_> {
     /// From now on static planes are watched: the camera moves, and does not turn.
     pub fn watch_structure(&mut self) {
-        self.structure = Some(Structure::default());
+        self.structure = Some(Structure::new());
     }
 
     /// Where the newest frame's static planes show the camera, from a first frame at `pose`: its displacement (world axes, m), and the information of
@@ -71,16 +89,44 @@ impl Seeing<'_> {
     pub(super) fn measure_structure<S: Sample>(&mut self, source: &mut impl Source<S>) {
         self.shown.clear();
         let Some(mut structure) = self.structure.take() else { return };
+        if structure.frames == 0 {
+            let beyond = first_key_beyond::<S>(&self.coding);
+            for (i, limit) in structure.limits.iter_mut().enumerate() {
+                *limit = beyond;
+                let z = (LEVELS - 1) as f64 * NEAREST / (i as f64 + 0.5);
+                background::know::<S>(&self.coding, z, limit, &mut 0);
+            }
+        }
         if structure.planes.is_empty() && structure.frames < FIRST {
-            structure.frames += 1;
             self.find(source, &mut structure);
         }
+        structure.frames = structure.frames.saturating_add(1);
+        let mut there: Vec<Vec3, PLANES> = Vec::new();
         for plane in &structure.planes {
             if let Some(shown) = self.follow_plane(source, plane) {
+                let _ = there.push(shown.0 / (1.0 / plane.w.norm() - shown.1));
                 let _ = self.shown.push(shown);
             }
         }
+        if !structure.planes.is_empty() {
+            self.hide_behind(&there, &structure.limits);
+        }
         self.structure = Some(structure);
+    }
+
+    /// What lies on the planes `there` (n/h each) or behind them is background in this frame.
+    fn hide_behind(&mut self, there: &[Vec3], limits: &[u16; LEVELS]) {
+        let Camera { width, height, .. } = self.camera;
+        let Some(pixels) = self.buffers.limits.get_mut(..width * height) else { return };
+        let (left, right) = (self.camera.deproject(0.0, 0.0, 1.0), self.camera.deproject(1.0, 0.0, 1.0));
+        for (row, pixels) in pixels.chunks_exact_mut(width).enumerate() {
+            let ray = Vec3::new(left.x, self.camera.deproject(0.0, row as f64, 1.0).y, 1.0);
+            let lines: Vec<(f64, f64), PLANES> = there.iter().map(|w| (w.dot(&ray), w.x * (right.x - left.x))).collect();
+            for (column, pixel) in pixels.iter_mut().enumerate() {
+                let nearest = lines.iter().map(|(first, step)| first + step * column as f64).fold(0.0, f64::max);
+                *pixel = limits.get(level(nearest)).copied().unwrap_or(0);
+            }
+        }
     }
 
     /// Calls `look` with the ray and the inverse depth of every pixel, `stride` apart.

@@ -2,6 +2,7 @@
 
 use crate::config::{LawsConfig, Method};
 use crate::math::{Mat3, Vec3};
+use crate::physics::course::Course;
 use crate::physics::flight::{Flight, Prediction, VELOCITY_SD};
 use crate::physics::law::{FreeFall, Law, State};
 use crate::physics::{Sample, between};
@@ -242,5 +243,11 @@ impl Outlook {
                 Prediction { state, covariance: Mat3::from_diagonal_element(reach * reach + 1e-4) }
             }
         }
+    }
+
+    /// The same among known surfaces, which it bounces off and rolls on.
+    pub fn predict_among(&self, course: &Course, t: f64) -> Prediction {
+        let met = self.lawful.as_ref().and_then(|(fit, carried)| course.predict(fit, *carried, t));
+        met.unwrap_or_else(|| self.predict(course.law, t))
     }
 }

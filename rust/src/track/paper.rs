@@ -70,7 +70,6 @@ impl PaperMotion {
     /// most of its contacts would be none.
     fn conclude(&mut self, window: &Window, at: f64, findings: &mut Findings) {
         self.at = None;
-        self.land(window, at, findings);
         let before = between(window.samples(), self.since, at);
         let after = between(window.samples(), at, f64::INFINITY);
         let (Some(mut contact), Some(span)) = (contact(before, after), before.first().zip(before.last()).map(|(a, b)| b.t - a.t)) else {
@@ -82,6 +81,7 @@ impl PaperMotion {
             let speed = self.theta * SIDE as f64 / span;
             let sd = |i: usize| if i < 3 { self.theta } else { speed };
             contact.covariance = SMatrix::from_fn(|i, j| if i == j { sd(i) * sd(i) } else { 0.0 });
+            self.land(window, at, findings);
             self.since = at;
             let _ = findings.push(Finding::Touched(contact.clone(), false));
             let _ = findings.push(Finding::Settled(contact));
