@@ -91,7 +91,8 @@ impl<const N: usize> Accumulator<N> {
         self.information -= cross.transpose() * solved;
         self.vector -= cross.transpose() * pull;
         self.square -= vector.dot(&pull);
-        self.log_weight += 1.5 * libm::log(core::f64::consts::TAU) - 0.5 * libm::log(information.determinant().max(f64::MIN_POSITIVE));
+        self.weights.multiply(1.0 / information.determinant());
+        self.observed = self.observed.saturating_sub(3);
     }
 
     /// The log of a prior's normalisation whose quadratic part went elsewhere: of three unknowns with this `information` about them.

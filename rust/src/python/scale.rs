@@ -35,10 +35,15 @@ pub fn fit_scale<'py>(
     let mut samples = samples(t, positions, noise, if noise.is_unknown() { split::LEAST } else { 4 })?;
     let mut scratch = std::vec![0.0; 3 * samples.len()];
     match scale::fit_scale(&mut samples, gravity, drag, !noise.is_unknown(), &mut scratch) {
-        Ok(fit) => {
-            ScaleFit { scale: fit.scale, sd: fit.sd, gravity_direction: fit.down.into(), drag: fit.drag, residual_sd: fit.residual_sd, dof: fit.dof }
-                .into_bound_py_any(t.py())
+        Ok(fit) => ScaleFit {
+            scale: fit.scale,
+            sd: fit.sd,
+            gravity_direction: fit.down.into(),
+            drag: fit.drag,
+            residual_sd: fit.residual_sd,
+            dof: fit.dof,
         }
+        .into_bound_py_any(t.py()),
         Err(NoScale::Straight) => {
             "its acceleration can't be told from none: it moves straight, or was not seen long enough".into_bound_py_any(t.py())
         }
