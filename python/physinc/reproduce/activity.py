@@ -78,8 +78,8 @@ def truly_active(seen: Observation, trace: Trace) -> Array:
     frames = seen.truth["frames"]
 
     def nearest(frame: int, center: Array) -> float:
-        balls = frames[frame]["balls"]
-        return float(min(balls, key=lambda ball: float(np.linalg.norm(np.asarray(ball["center"]) - center)))["active"])
+        things = [*frames[frame]["balls"], *frames[frame].get("objects", ())]
+        return float(min(things, key=lambda thing: float(np.linalg.norm(np.asarray(thing["center"]) - center)))["active"])
 
     return np.array([nearest(int(frame), center) for frame, center in zip(trace.frame, trace.center, strict=True)])
 
