@@ -81,7 +81,7 @@ pub fn fit_scale(samples: &mut [Sample], gravity: f64, drag: Drag, noise_known: 
     let (bend, origin) = (2.0 * parabola.coefficients.column(2).norm(), samples[0].position);
     let span = samples[samples.len() - 1].t - samples[0].t;
     // Less than this is rounding.
-    if !(bend * span * span > 1e-9 * extent) {
+    if bend * span * span <= 1e-9 * extent {
         return Err(NoScale::Straight);
     }
     for sample in samples.iter_mut() {
@@ -131,7 +131,7 @@ impl Problem<'_> {
         for _ in 0..30 {
             stretch(self.samples, next);
             scale *= next;
-            fall = Fall::fit(&law, self.samples, self.noise_known);
+            fall = Fall::fit(law, self.samples, self.noise_known);
             let Some(found) = fall else { break };
             next = self.gravity / found.size;
             if (next - 1.0).abs() < (1e-3 * found.relative_sd).max(1e-12) {
@@ -140,7 +140,7 @@ impl Problem<'_> {
         }
         // How gravity's size follows the scale: in proportion, and a little more by drag.
         stretch(self.samples, 1.0 + STEP);
-        let moved = Fall::fit(&law, self.samples, self.noise_known);
+        let moved = Fall::fit(law, self.samples, self.noise_known);
         stretch(self.samples, 1.0 / (scale * (1.0 + STEP)));
         let (fall, moved) = (fall?, moved?);
         if !(fall.relative_sd * SIGNIFICANT < 1.0 && (next - 1.0).abs() < 0.1 * fall.relative_sd.max(1e-6)) {
@@ -199,7 +199,8 @@ struct Fall {
 }
 
 impl Fall {
-    fn fit(law: &FreeFallWithDrag, samples: &mut [Sample], noise_known: bool) -> Option<Self> {
+    fn fit(law: FreeFallWithDrag, samples: &mut [Sample], noise_known: bool) -> Option<Self> {
+        let law = &law;
         let free = Gravity::free(None);
         let flight = if noise_known { Flight::fit_fully(law, samples, &free)? } else { Flight::fit_with_noise(law, samples, &free)?.0 };
         let size = flight.gravity.norm();

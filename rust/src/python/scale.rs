@@ -65,6 +65,7 @@ pub fn split_flights<'py>(t: &Bound<'py, PyAny>, positions: &Bound<'py, PyAny>) 
 
 /// The rows of a CSV of positions: times (s, since the first), positions, tracks (−1 where none is told).
 #[pyfunction]
+#[allow(clippy::needless_pass_by_value)] // As Python gives it.
 pub fn read_positions(py: Python<'_>, path: PathBuf) -> PyResult<(Bound<'_, PyAny>, Bound<'_, PyAny>, Vec<i64>)> {
     let name = path.display().to_string();
     let file = File::open(&path).map_err(|error| crate::source::SourceError::unreadable(&name, error))?;
