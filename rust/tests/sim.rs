@@ -2,8 +2,8 @@
 
 use physinc::config::CameraConfig;
 use physinc::geometry::camera::{Camera, DepthCode, NO_DISPARITY};
-use physinc::math::Vec3;
-use physinc::sim::truth::FrameTruth;
+use physinc::math::{Mat3, Vec3};
+use physinc::sim::truth::{FrameTruth, ObjectTruth, PartTruth};
 use physinc::sim::{self, Scene, recording};
 use std::io::Cursor;
 
@@ -26,9 +26,20 @@ fn the_same_seed_gives_the_same_bytes() {
         recording::write_npz(&Scene::parse(scene).unwrap(), &mut file).unwrap();
         file.into_inner()
     };
+    let samples = |scene: &str| {
+        let (mut frames, mut all) = (Scene::parse(scene).unwrap().frames(), Vec::new());
+        while let Some(frame) = frames.next_frame() {
+            all.extend_from_slice(frame.samples);
+        }
+        all
+    };
     let first = bytes("bounce?throws=1&fps=10&seed=5");
     assert!(first == bytes("bounce?throws=1&fps=10&seed=5"));
     assert!(first != bytes("bounce?throws=1&fps=10&seed=6"));
+    for scene in ["translating_camera?throws=1&structure=both&fps=25", "flying_robot?fps=5", "toy_car?fps=5"] {
+        let first = samples(scene);
+        assert!(first == samples(scene) && first != samples(&format!("{scene}&seed=2")), "{scene}");
+    }
     assert!(first.len() < 1_000_000 / 18, "six throws at 30 Hz are to fit into a package: {}", first.len());
 }
 
@@ -378,4 +389,121 @@ fn where_nothing_moves_a_moving_camera_reads_nothing_and_a_resting_one_the_same(
     assert!(changes.len() > 100_000 && sums[1].1 > 5.0, "{} {}", changes.len(), sums[1].1);
     let rms = mean(changes.iter().map(|d| d * d)).sqrt();
     assert!(rms < 0.3, "only temporal noise differs, not the frozen 0.3 √2: {rms}");
+}
+
+/// From a point in the world to the nearest surface of a thing, m; negative inside.
+fn distance(parts: &[PartTruth], object: &ObjectTruth, point: &Vec3) -> f64 {
+    let matrix = |rows: &[[f64; 3]; 3]| Mat3::from_fn(|i, j| rows[i][j]);
+    let p = matrix(&object.rotation).transpose() * (point - Vec3::from(object.center));
+    let to = |part: &PartTruth| match part {
+        PartTruth::Sphere { center, radius } => (p - Vec3::from(*center)).norm() - radius,
+        PartTruth::Box { center, half, rotation } => {
+            let q = (matrix(rotation).transpose() * (p - Vec3::from(*center))).abs() - Vec3::from(*half);
+            q.map(|d| d.max(0.0)).norm() + q.max().min(0.0)
+        }
+    };
+    parts.iter().map(to).fold(f64::INFINITY, f64::min)
+}
+
+#[test]
+fn things_are_read_on_their_surface() {
+    for scene in [
+        "flying_robot?structure=none&sigma=0&seed=2",
+        "toy_car?structure=none&sigma=0&seed=2",
+        "toy_car?structure=none&readout=0.031&sigma=0",
+    ] {
+        let scene = Scene::parse(scene).unwrap();
+        let (camera, pose) = (scene.camera(), scene.camera().pose.unwrap());
+        let parts = &scene.truth().shapes[0].parts;
+        let (mut far, mut read, mut expected) = (Vec::new(), 0, 0);
+        let mut frames = scene.frames();
+        for index in 0..frames.count() {
+            let frame = frames.next_frame().unwrap();
+            let points = readings(&scene, frame.samples);
+            let Some(object) = frame.truth.objects.first() else {
+                assert!(points.is_empty());
+                continue;
+            };
+            if index % 20 > 0 {
+                continue;
+            }
+            far.extend(points.iter().map(|p| distance(parts, object, &pose.to_world(&camera.deproject(p[0], p[1], p[2]))).abs()));
+            read += points.len();
+            // Rays that meet it, by marching along them.
+            for (u, v) in (0..640).step_by(4).flat_map(|u| (0..480).step_by(4).map(move |v| (u, v))) {
+                let ray = camera.deproject(f64::from(u), f64::from(v), 1.0).normalize();
+                let center = Vec3::from(object.center_in_camera);
+                if ray.cross(&center).norm() > 0.25 {
+                    continue;
+                }
+                let mut way = center.norm() - 0.25;
+                for _ in 0..30 {
+                    way += distance(parts, object, &pose.to_world(&(ray * way)));
+                }
+                expected += 16 * usize::from(distance(parts, object, &pose.to_world(&(ray * way))) < 1e-3);
+            }
+        }
+        far.sort_by(f64::total_cmp);
+        let [median, most] = [far[far.len() / 2], far[far.len() * 98 / 100]];
+        println!("{}: {} read of {expected}, half within {median:.4} m, 98 % within {most:.4} m", scene.truth().scene, read);
+        // A raw unit is 9 mm at 1.75 m.
+        assert!(median < 0.004 && most < 0.015, "{median} {most}");
+        assert!((0.6..1.1).contains(&(read as f64 / expected as f64)), "{read} {expected}");
+    }
+}
+
+/// The frames of the only thing of a scene, and their times, s.
+fn frames_of(scene: &Scene) -> Vec<(f64, &ObjectTruth)> {
+    let objects = scene.truth().frames.iter().flat_map(|f| &f.objects);
+    objects.map(|o| ((o.time_ns - scene.truth().frames[0].timestamp_ns) as f64 * 1e-9, o)).collect()
+}
+
+#[test]
+fn a_car_is_active_in_its_turn() {
+    for seed in 0..4 {
+        let scene = Scene::parse(&format!("toy_car?seed={seed}")).unwrap();
+        let frames = frames_of(&scene);
+        assert!(frames.iter().all(|(_, o)| o.in_view == 1.0 && (o.center[2] - 0.05).abs() < 1e-12));
+        let active = frames.iter().filter(|(_, o)| o.active).count();
+        assert!(active > 10 && frames.len() - active > 50, "{seed}: {active} of {}", frames.len());
+        // As its centers tell, but for the frames around a change.
+        for w in frames.windows(3) {
+            let [a, b, c] = [0, 1, 2].map(|i| Vec3::from(w[i].1.center));
+            let (before, after) = ((b - a) / (w[1].0 - w[0].0), (c - b) / (w[2].0 - w[1].0));
+            let acceleration = (after - before) / (0.5 * (w[2].0 - w[0].0));
+            if w[0].1.active == w[2].1.active {
+                assert_eq!(acceleration.norm() > 0.1, w[1].1.active, "{seed}: {acceleration}");
+                assert!((acceleration - Vec3::from(w[1].1.acceleration)).norm() < 0.02, "{seed}: {acceleration}");
+            }
+            assert!((0.29..0.61).contains(&before.norm()) && (before.norm() - after.norm()).abs() < 5e-3);
+        }
+        assert!(frames.iter().zip(&frames[1..]).filter(|(a, b)| a.1.active != b.1.active).count() == 2, "one turn");
+    }
+}
+
+#[test]
+fn a_robot_is_active_but_where_it_stands() {
+    for seed in 0..4 {
+        let scene = Scene::parse(&format!("flying_robot?seed={seed}")).unwrap();
+        let frames = frames_of(&scene);
+        let lasts = frames[frames.len() - 1].0 - frames[0].0;
+        assert!((5.9..10.0).contains(&lasts) && frames.iter().all(|(_, o)| o.in_view == 1.0), "{seed}: {lasts}");
+        for (_, o) in &frames {
+            let stands = o.center[2] < 0.08 + 1e-9;
+            assert!(o.active || stands && o.velocity == [0.0; 3], "{o:?}");
+            assert!(Vec3::from(o.acceleration).norm() < 3.0);
+        }
+        let still = |frames: &mut dyn Iterator<Item = &(f64, &ObjectTruth)>| frames.take_while(|(_, o)| !o.active).count();
+        assert!(still(&mut frames.iter()) > 20 && still(&mut frames.iter().rev()) > 20, "{seed}");
+        let fastest = frames.iter().map(|(_, o)| Vec3::from(o.acceleration).norm()).fold(0.0, f64::max);
+        let turns = frames.iter().map(|(_, o)| o.rotation[0][0]).fold([1.0_f64, -1.0], |[a, b], c| [a.min(c), b.max(c)]);
+        assert!(fastest > 0.5 && turns[1] - turns[0] > 0.1, "{seed}: {fastest} {turns:?}");
+        // Trackers that measure positions see the same.
+        let positions: Vec<_> = scene.positions(30.0, 0.0).collect();
+        assert!(positions.len() + 2 > frames.len() && positions.iter().all(|p| p.ball == 0));
+        let (t, o) = &frames[frames.len() / 2];
+        let ns = scene.truth().frames[0].timestamp_ns + (t * 1e9) as i64;
+        let near = positions.iter().min_by_key(|p| (p.timestamp_ns - ns).abs()).unwrap();
+        assert!((near.center - Vec3::from(o.center)).norm() < 0.02 * (1.0 + Vec3::from(o.velocity).norm()));
+    }
 }

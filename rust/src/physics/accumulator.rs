@@ -249,8 +249,8 @@ mod tests {
         whole.expect_block(3, &Vec3::zeros(), &prior);
         reduced.normalise(&prior);
         for y in &seen {
-            whole.observe_point(&[1.0, 1.0], y, &w);
-            reduced.observe_point(&[1.0], y, &w);
+            whole.observe_design(&SMatrix::from_fn(|i, j| if j % 3 == i { 1.0 } else { 0.0 }), y, &w);
+            reduced.observe_design(&SMatrix::identity(), y, &w);
         }
         let cross = SMatrix::<f64, 3, 3>::from(w * 2.0);
         reduced.integrate_out(&(prior + w * 2.0), &cross, &(w * (seen[0] + seen[1])));

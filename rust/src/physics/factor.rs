@@ -57,8 +57,8 @@ impl<const N: usize> Factor<N> {
         for k in 0..N {
             let mut row = [0.0; N];
             row[k] = 1.0;
-            for j in 0..k {
-                subtract(&mut row, self.columns[j][k], &rows[j]);
+            for (column, before) in self.columns.iter().zip(&rows).take(k) {
+                subtract(&mut row, column[k], before);
             }
             for j in 0..=k {
                 subtract(&mut inverse[j], -(row[j] * self.inverse[k]), &row);

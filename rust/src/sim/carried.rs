@@ -44,10 +44,14 @@ impl Thrower<'_> {
         let rotation = self.pose.rotation;
         let depth = p.distance + self.uniform(-0.2, 0.3);
         let side = if self.uniform(0.0, 1.0) < 0.5 { -1.0 } else { 1.0 };
-        let start = rest + rotation * Vec3::new(side * (0.56 * depth + 0.05), depth * self.uniform(-0.1, 0.4), depth);
-        let velocity = Vec3::new(-side * self.uniform(0.9, 1.8), self.uniform(-0.2, 0.2), self.uniform(1.8, 4.2));
-        let whole =
-            |thrower: &Self, center: &Vec3, camera: Vec3| thrower.inside_from(&Pose { rotation, translation: rest + camera }, center);
+        // It rises to near the upper edge of the view, from as far below that it stays long, beside the view.
+        let (top, rise) = (Vec3::new(0.0, -self.uniform(0.2, 0.38), 1.0) * depth, self.uniform(0.35, 0.55));
+        let below = rotation.tr_mul(&(rotation * top - Vec3::z() * (0.5 * p.gravity * rise * rise)));
+        let start = rest + rotation * Vec3::new(side * (0.56 * below.z + 0.05), below.y, below.z);
+        let velocity = Vec3::new(-side * self.uniform(0.9, 1.8), self.uniform(-0.2, 0.2), p.gravity * rise);
+        let whole = |thrower: &Self, center: &Vec3, camera: Vec3| {
+            thrower.inside_from(&Pose { rotation, translation: rest + camera }, center, p.radius)
+        };
         if whole(self, &start, Vec3::zeros()) > -1.0 || start.z < 2.0 * p.radius {
             return None;
         }

@@ -3,6 +3,7 @@
 //! Nothing here is shared with an estimator but the camera's geometry: what is found in a simulated scene was found, not put in.
 
 pub mod body;
+mod car;
 mod carried;
 pub mod impact;
 pub mod kinect;
@@ -14,6 +15,8 @@ pub mod parameters;
 pub mod path;
 pub mod recording;
 pub mod rig;
+pub mod rigid;
+mod robot;
 pub mod scene;
 pub mod sensor;
 mod throws;

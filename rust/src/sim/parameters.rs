@@ -29,10 +29,14 @@ pub enum Kind {
     RotatedCamera,
     /// A hand moves the camera in mid-flight (sec. 3.1 (ii)).
     TranslatingCamera,
+    /// A robot stands on the floor, takes off, flies around and lands (sec. 3.3).
+    FlyingRobot,
+    /// A car drives on the floor, straight on but for one turn (sec. 3.3).
+    ToyCar,
 }
 
 /// Every scene by its name, with what it is.
-pub const SCENES: [(&str, Kind); 9] = [
+pub const SCENES: [(&str, Kind); 11] = [
     ("bounce", Kind::Bounce),
     ("room", Kind::Room),
     ("two_balls", Kind::TwoBalls),
@@ -42,12 +46,14 @@ pub const SCENES: [(&str, Kind); 9] = [
     ("roll", Kind::Roll),
     ("rotated_camera", Kind::RotatedCamera),
     ("translating_camera", Kind::TranslatingCamera),
+    ("flying_robot", Kind::FlyingRobot),
+    ("toy_car", Kind::ToyCar),
 ];
 
 impl Kind {
     /// Whether the pose is told also where the camera is tilted.
     fn is_of_known_orientation(self) -> bool {
-        matches!(self, Self::TranslatingCamera)
+        matches!(self, Self::TranslatingCamera | Self::FlyingRobot | Self::ToyCar)
     }
 }
 
@@ -111,7 +117,7 @@ const ANY: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 parameters! {
     /// Of all that is random: the same seed gives the same bytes.
     seed: u64 = 1, [0.0, 1.8e19];
-    /// Throws, or pairs of them, or rounds.
+    /// Throws, or pairs of them, or rounds; or robots or cars, one after the other.
     throws: u32 = 6, [1.0, 1000.0];
     /// Balls of a round, where there are many at once.
     balls: u32 = 8, [1.0, 12.0];
@@ -239,6 +245,8 @@ impl Parameters {
             Kind::TranslatingCamera => {
                 Self { throws: 2, height: 0.8, structure: Some(Structure::None), travel: Some(0.155), move_seconds: Some(0.0), ..base }
             }
+            Kind::FlyingRobot => Self { throws: 1, tilt_deg: 20.0, structure: Some(Structure::Floor), ..base },
+            Kind::ToyCar => Self { throws: 1, tilt_deg: 25.0, structure: Some(Structure::Floor), ..base },
         }
     }
 }
@@ -285,6 +293,7 @@ mod tests {
             ("bounce?seed=1&seed=2", ["seed=2", "twice"]),
             ("bounce?seed", ["seed", "key=value"]),
             ("bounce?travel=0.1", ["travel", "seed"]),
+            ("toy_car?travel=0.1", ["travel", "structure"]),
             ("translating_camera?structure=roof", ["roof", "both"]),
             ("bounce?packets=1&kind=depth", ["packets=1", "disparity"]),
         ] {

@@ -4,12 +4,13 @@ use super::SimError;
 use super::parameters::Parameters;
 use super::path::{Path, Stage};
 use super::rig::{Rig, camera, pose};
-use super::sensor::{Errors, MAX_BALLS, Sensor, Target, disparity_law};
+use super::rigid::{Rigid, State};
+use super::sensor::{Errors, Form, MAX_TARGETS, Place, Sensor, Target, disparity_law};
 use super::throws::{Thrower, stage};
 use super::truth::{FrameTruth, Truth};
 use super::witness::Witness;
 use crate::geometry::camera::{Camera, DepthCode, NO_DISPARITY, Pose};
-use crate::math::Vec3;
+use crate::math::{Mat3, Vec3};
 use crate::time::after;
 use rand::rngs::Xoshiro256PlusPlus;
 use rand::{RngExt, SeedableRng};
@@ -32,6 +33,7 @@ pub struct Scene {
     rig: Rig,
     stage: Stage,
     paths: Vec<Path>,
+    things: Vec<Rigid>,
     start_ns: i64,
     shots: Vec<Shot>,
     truth: Truth,
@@ -69,7 +71,7 @@ pub struct Frame<'a> {
 pub struct Position {
     /// When.
     pub timestamp_ns: i64,
-    /// Index of the throw.
+    /// Index of the throw, or of the robot or car.
     pub ball: usize,
     /// With its noise, m.
     pub center: Vec3,
@@ -88,22 +90,30 @@ impl Scene {
         let pose = pose(&parameters);
         let mut sight = camera(&parameters, parameters.focal_factor, Some(pose));
         let stage = stage(kind, &parameters);
-        let mut thrower =
-            Thrower { kind, parameters: &parameters, stage: &stage, camera: &sight, pose: &pose, rng: &mut thrower_rng, moves: Vec::new() };
+        let mut thrower = Thrower {
+            kind,
+            parameters: &parameters,
+            stage: &stage,
+            camera: &sight,
+            pose: &pose,
+            rng: &mut thrower_rng,
+            moves: Vec::new(),
+            things: Vec::new(),
+        };
         let paths = thrower.throw_all(LEAD)?;
-        let moves = thrower.moves;
+        let (moves, things) = (thrower.moves, thrower.things);
         let start_ticks = clock_rng.random_range(6_000_000_u32..=u32::MAX / 2);
         let start_ns = stamp_ns(start_ticks.into());
-        let end = paths.iter().map(Path::end).fold(0.0, f64::max) + 0.5;
+        let end = last(&paths, &things) + 0.5;
         let shots: Vec<Shot> = times(&parameters, end, &mut clock_rng)
             .map(|(number, ticks)| Shot { number, ticks: u64::from(start_ticks) + ticks, t: ticks as f64 / TICKS })
             .collect();
         let rig = Rig::new(&pose, moves, shots.first().map_or(0.0, |shot| shot.t));
         sight.pose = Some(rig.pose);
-        let witness = Witness { camera: &sight, rig: &rig, stage: &stage, paths: &paths, start_ns };
+        let witness = Witness { camera: &sight, rig: &rig, stage: &stage, paths: &paths, things: &things, start_ns };
         let frames = shots.iter().map(|shot| witness.frame(stamp_ns(shot.ticks), shot.t)).collect();
         let truth = Truth { frames, ..witness.scene(scene, parameters) };
-        Ok(Self { sight, rig, stage, paths, start_ns, shots, truth, sensor_seed: seeds.random(), position_seed: seeds.random() })
+        Ok(Self { sight, rig, stage, paths, things, start_ns, shots, truth, sensor_seed: seeds.random(), position_seed: seeds.random() })
     }
 
     /// The same, with packets: a Kinect's disparity at its rate.
@@ -122,7 +132,7 @@ impl Scene {
         camera(parameters, 1.0, self.sight.pose.filter(|_| parameters.pose))
     }
 
-    /// Whether the camera sees nothing but balls.
+    /// Whether the camera sees nothing but what moves.
     pub fn is_blank(&self) -> bool {
         self.stage.solids.iter().all(|s| !s.visible)
     }
@@ -140,12 +150,15 @@ impl Scene {
         Frames { scene: self.clone(), sensor, samples: std::vec![0; self.sight.width * self.sight.height], next: 0, passed: (0, 0) }
     }
 
-    /// Positions of all balls at `rate_hz`, in the order of time, each coordinate with independent noise of `sd`, m; whether the camera sees them or not.
+    /// Positions of all balls, robots and cars at `rate_hz`, in the order of time, each coordinate with independent noise of `sd`, m; whether the camera sees them or not.
     pub fn positions(&self, rate_hz: f64, sd: f64) -> impl Iterator<Item = Position> {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(self.position_seed);
-        let end = self.paths.iter().map(Path::end).fold(0.0, f64::max);
+        let end = last(&self.paths, &self.things);
         let times = (0..).map(move |i| f64::from(i) / rate_hz).take_while(move |t| *t < end);
-        let centers = times.flat_map(|t| self.paths.iter().enumerate().filter_map(move |(ball, path)| Some((t, ball, path.at(t)?.0))));
+        let balls = move |t: f64| self.paths.iter().map(move |path| Some(path.at(t)?.0));
+        let things = move |t: f64| self.things.iter().map(move |thing| Some(thing.at(t)?.position));
+        let centers =
+            times.flat_map(move |t| balls(t).chain(things(t)).enumerate().filter_map(move |(ball, center)| Some((t, ball, center?))));
         centers.map(move |(t, ball, center)| {
             let noise = Vec3::from_fn(|_, _| StandardNormal.sample(&mut rng));
             Position { timestamp_ns: after(self.start_ns, t), ball, center: center + noise * sd }
@@ -175,14 +188,25 @@ impl Frames {
         let rows = if readout > 0.0 { height } else { 1 };
         let rows: Vec<(f64, Pose)> =
             (0..rows).map(|row| t + readout * row as f64 / (height - 1) as f64).map(|t| (t, scene.rig.at(t))).collect();
-        // A ball that is not there is behind the camera.
-        let center = |path: &Path, (t, pose): &(f64, Pose)| path.at(*t).map_or(-Vec3::z(), |(p, _)| pose.to_camera(&p));
-        let present: Vec<(Vec<Vec3>, f64)> = (scene.paths.iter())
-            .filter(|path| path.start() < t + readout + 1e-9 && path.end() > t)
-            .take(MAX_BALLS)
-            .map(|path| (rows.iter().map(|row| center(path, row)).collect(), path.ball.radius))
-            .collect();
-        let targets: Vec<Target> = present.iter().map(|(centers, radius)| Target { centers, radius: *radius }).collect();
+        let there = |start: f64, end: f64| start < t + readout + 1e-9 && end > t;
+        // What is not there is behind the camera.
+        let nowhere = Place { center: -Vec3::z(), axes: Mat3::identity() };
+        let balls = scene.paths.iter().filter(|path| there(path.start(), path.end())).map(|path| {
+            let place = |(t, pose): &(f64, Pose)| path.at(*t).map_or(nowhere, |(p, _)| Place { center: pose.to_camera(&p), ..nowhere });
+            (Form::Sphere { radius: path.ball.radius }, rows.iter().map(place).collect())
+        });
+        let parts = scene.things.iter().filter(|thing| there(thing.start, thing.end)).flat_map(|thing| {
+            let states: Vec<_> = rows.iter().map(|(t, pose)| Some((thing.at(*t)?, pose))).collect();
+            thing.parts.iter().map(move |part| {
+                let place = |(state, pose): &(State, &Pose)| Place {
+                    center: pose.to_camera(&(state.position + state.rotation * part.center)),
+                    axes: pose.rotation.transpose() * state.rotation * part.axes,
+                };
+                (part.form, states.iter().map(|seen| seen.as_ref().map_or(nowhere, place)).collect())
+            })
+        });
+        let present: Vec<(Form, Vec<Place>)> = balls.chain(parts).take(MAX_TARGETS).collect();
+        let targets: Vec<Target> = present.iter().map(|(form, places)| Target { form: *form, places }).collect();
         let eyes: Vec<Vec3> = rows.iter().map(|(_, pose)| scene.rig.pose.to_camera(&pose.translation)).collect();
         self.sensor.expose(&targets, &eyes, &mut self.samples);
         if let DepthCode::Depth { units_per_metre } = scene.sight.code {
@@ -209,6 +233,11 @@ impl Frames {
     pub fn count(&self) -> usize {
         self.scene.truth.frames.len()
     }
+}
+
+/// When the last of all that moves is gone, s.
+fn last(paths: &[Path], things: &[Rigid]) -> f64 {
+    paths.iter().map(Path::end).chain(things.iter().map(|t| t.end)).fold(0.0, f64::max)
 }
 
 /// The stamp of unwrapped ticks, ns.

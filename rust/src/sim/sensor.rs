@@ -1,4 +1,4 @@
-//! A structured-light depth camera: what it reads of balls and of visible solids.
+//! A structured-light depth camera: what it reads of balls, of things made of convex parts, and of visible solids.
 //!
 //! Rays through pixel centers meet what is there; each pixel then reads what fills most of its matching window (the mean
 //! disparity over that object's pixels), with noise that neighbours share, rounded to whole raw units. What the projector
@@ -7,7 +7,7 @@
 use super::impact::Solid;
 use super::noise::{Field, Rect};
 use crate::geometry::camera::{Camera, NO_DISPARITY, Pose};
-use crate::math::Vec3;
+use crate::math::{Mat3, Vec3};
 use rand::SeedableRng;
 use rand::rngs::Xoshiro256PlusPlus;
 use std::vec::Vec;
@@ -28,13 +28,13 @@ const FROZEN_SD: f64 = 0.3;
 const RANGE: [f64; 2] = [0.4, 10.0];
 /// Readings fade out between these angles of incidence, rad.
 const GRAZING: [f64; 2] = [1.22, 1.40];
-/// Most balls in one frame.
-pub const MAX_BALLS: usize = 16;
-/// Labels of a ray: nothing; in the projector's shadow; then balls, then visible solids.
+/// Most balls and parts of things in one frame.
+pub const MAX_TARGETS: usize = 16;
+/// Labels of a ray: nothing; in the projector's shadow; then what moves, then visible solids.
 const NOTHING: usize = 0;
 const SHADOW: usize = 1;
-const BALLS: usize = 2;
-const SOLIDS: usize = BALLS + MAX_BALLS;
+const TARGETS: usize = 2;
+const SOLIDS: usize = TARGETS + MAX_TARGETS;
 
 /// How the sensor errs.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,18 +47,55 @@ pub struct Errors {
     pub white: bool,
 }
 
-/// A ball as the sensor meets it.
+/// A convex form.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Form {
+    /// A sphere.
+    Sphere {
+        /// m.
+        radius: f64,
+    },
+    /// A box.
+    Box {
+        /// Half of its edges, m.
+        half: Vec3,
+    },
+}
+
+/// Where a form is, camera frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Place {
+    /// Its middle, m.
+    pub center: Vec3,
+    /// Its axes to the camera's.
+    pub axes: Mat3,
+}
+
+/// Something that moves, as the sensor meets it: a ball, or a part of a rigid thing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Target<'a> {
-    /// Its center at each row's time, camera frame, m: one per row of the image, or one for all.
-    pub centers: &'a [Vec3],
-    /// m.
-    pub radius: f64,
+    /// What it is.
+    pub form: Form,
+    /// Where it is at each row's time: one per row of the image, or one for all.
+    pub places: &'a [Place],
 }
 
 impl Target<'_> {
-    fn center(&self, row: i32) -> &Vec3 {
-        &self.centers[row.clamp(0, self.centers.len() as i32 - 1) as usize]
+    /// Radius of the sphere around it, m.
+    fn reach(&self) -> f64 {
+        match self.form {
+            Form::Sphere { radius } => radius,
+            Form::Box { half } => half.norm(),
+        }
+    }
+
+    /// Where the ray `origin` + s · `ray` enters it at the time of `row`, s > 0, and the cosine of incidence.
+    fn enter(&self, row: i32, origin: &Vec3, ray: &Vec3) -> Option<(f64, f64)> {
+        let place = &self.places[row.clamp(0, self.places.len() as i32 - 1) as usize];
+        match self.form {
+            Form::Sphere { radius } => enter_sphere(origin, ray, &place.center, radius),
+            Form::Box { half } => enter_box(&place.axes.tr_mul(&(origin - place.center)), &place.axes.tr_mul(ray), &half),
+        }
     }
 }
 
@@ -67,10 +104,12 @@ impl Target<'_> {
 struct Hit {
     label: usize,
     depth: f64,
+    /// Asked for once for each window that it is in.
+    inverse_depth: f64,
     cos_incidence: f64,
 }
 
-const MISS: Hit = Hit { label: NOTHING, depth: f64::INFINITY, cos_incidence: 1.0 };
+const MISS: Hit = Hit { label: NOTHING, depth: f64::INFINITY, inverse_depth: 0.0, cos_incidence: 1.0 };
 
 /// A solid in the camera frame at the first frame: inside is where every half-space holds, normal · p ≤ offset.
 #[derive(Clone, Debug, PartialEq)]
@@ -113,6 +152,24 @@ fn enter_sphere(origin: &Vec3, ray: &Vec3, center: &Vec3, radius: f64) -> Option
     let root = discriminant.sqrt();
     let s = (b - root) / a;
     (s > 0.0).then(|| (s, root / (a.sqrt() * radius)))
+}
+
+/// Where the ray `origin` + s · `ray` enters the box of these half edges around the origin, s > 0, and the cosine of incidence.
+fn enter_box(origin: &Vec3, ray: &Vec3, half: &Vec3) -> Option<(f64, f64)> {
+    let (mut enter, mut leave, mut speed) = (0.0, f64::INFINITY, 0.0);
+    // Most rays miss the sphere around it, which is cheaper.
+    if origin.cross(ray).norm_squared() > half.norm_squared() * ray.norm_squared() {
+        return None;
+    }
+    for i in 0..3 {
+        // Infinite where the ray runs along the faces, with signs that make it miss or not.
+        let (a, b) = ((-half[i] - origin[i]) / ray[i], (half[i] - origin[i]) / ray[i]);
+        if a.min(b) > enter {
+            (enter, speed) = (a.min(b), ray[i].abs());
+        }
+        leave = f64::min(leave, a.max(b));
+    }
+    (enter > 0.0 && enter < leave).then(|| (enter, speed / ray.norm()))
 }
 
 /// The sensor, and what it knows by heart: its background, for as long as it stands still.
@@ -258,7 +315,7 @@ impl Sensor {
         (self.noise, self.edge) = (noise, edge);
     }
 
-    /// Where the image differs from its background: around each ball and its shadow; rectangles that overlap become one.
+    /// Where the image differs from its background: around each target and its shadow; rectangles that overlap become one.
     fn rects(&self, targets: &[Target]) -> Vec<Rect> {
         let margin = self.errors.window as i32;
         let mut rects: Vec<Rect> = Vec::new();
@@ -276,13 +333,14 @@ impl Sensor {
         rects
     }
 
-    /// Where a ball may be seen, and its shadow from a projector `baseline` to the right.
+    /// Where something may be seen, and its shadow from a projector `baseline` to the right.
     fn bounds(&self, target: &Target, baseline: f64) -> Option<Rect> {
         let c = &self.camera;
-        let bounds = target.centers.iter().filter_map(|center| {
+        let radius = target.reach();
+        let bounds = target.places.iter().filter_map(|Place { center, .. }| {
             let (x, y) = c.project(center)?;
-            let near = (center.z - target.radius).max(0.05);
-            let reach = 1.1 * c.fx.max(c.fy) * target.radius / near;
+            let near = (center.z - radius).max(0.05);
+            let reach = 1.1 * c.fx.max(c.fy) * radius / near;
             let shadow = baseline * c.fx / near;
             Some(Rect {
                 left: (x - reach - shadow) as i32,
@@ -299,9 +357,11 @@ impl Sensor {
         let ray = self.camera.deproject(f64::from(x), f64::from(y), 1.0);
         let (camera, eye) = (Vec3::zeros(), self.eyes[y.clamp(0, self.eyes.len() as i32 - 1) as usize]);
         let near = targets.iter().zip(bounds).enumerate().filter(|(_, (_, bounds))| bounds.contains(x, y));
-        let balls = near.map(|(i, (t, _))| (BALLS + i, enter_sphere(&camera, &ray, t.center(y), t.radius)));
+        let moving = near.map(|(i, (t, _))| (TARGETS + i, t.enter(y, &camera, &ray)));
         let solids = self.solids.iter().enumerate().map(|(i, s)| (SOLIDS + i, s.enter(&eye, &ray)));
-        let hits = balls.chain(solids).filter_map(|(label, hit)| hit.map(|(depth, cos_incidence)| Hit { label, depth, cos_incidence }));
+        let hits = moving
+            .chain(solids)
+            .filter_map(|(label, hit)| hit.map(|(depth, cos_incidence)| Hit { label, depth, inverse_depth: depth.recip(), cos_incidence }));
         let Some(hit) = hits.min_by(|a, b| a.depth.total_cmp(&b.depth)) else { return MISS };
         if hit.depth < RANGE[0] || hit.depth > RANGE[1] {
             return MISS;
@@ -309,15 +369,13 @@ impl Sensor {
         let projector = Vec3::new(BASELINE, 0.0, 0.0);
         // Stopped just before the surface, which must not shade itself.
         let beam = (ray * hit.depth - projector) * (1.0 - 1e-9);
-        let shaded = targets
-            .iter()
-            .enumerate()
-            .any(|(i, t)| BALLS + i != hit.label && enter_sphere(&projector, &beam, t.center(y), t.radius).is_some_and(|e| e.0 < 1.0))
-            || self
-                .solids
-                .iter()
-                .enumerate()
-                .any(|(i, s)| SOLIDS + i != hit.label && s.enter(&(eye + projector), &beam).is_some_and(|e| e.0 < 1.0));
+        let shaded =
+            targets.iter().enumerate().any(|(i, t)| TARGETS + i != hit.label && t.enter(y, &projector, &beam).is_some_and(|e| e.0 < 1.0))
+                || self
+                    .solids
+                    .iter()
+                    .enumerate()
+                    .any(|(i, s)| SOLIDS + i != hit.label && s.enter(&(eye + projector), &beam).is_some_and(|e| e.0 < 1.0));
         if shaded { Hit { label: SHADOW, ..hit } } else { hit }
     }
 
@@ -366,9 +424,9 @@ impl Sensor {
                     for hit in &hits[from..from + self.errors.window] {
                         let share = &mut shares[hit.label];
                         share.pixels += 1;
-                        share.inverse_depth += hit.depth.recip();
+                        share.inverse_depth += hit.inverse_depth;
                         share.cos += hit.cos_incidence;
-                        if hit.label >= BALLS && hit.depth < front.depth {
+                        if hit.label >= TARGETS && hit.depth < front.depth {
                             front = *hit;
                         }
                     }
@@ -406,7 +464,7 @@ impl Sensor {
         let mean_cos = |s: &Share| (s.cos / s.pixels as f64).clamp(0.0, 1.0);
         let nothing = (shares[NOTHING].pixels + shares[SHADOW].pixels) as f64;
         let mut best = (NOTHING, nothing);
-        for (label, share) in shares.iter().enumerate().skip(BALLS).filter(|(_, s)| s.pixels > 0) {
+        for (label, share) in shares.iter().enumerate().skip(TARGETS).filter(|(_, s)| s.pixels > 0) {
             let mut vote = share.pixels as f64;
             if label == front && share.pixels < self.errors.window * self.errors.window {
                 let incidence = mean_cos(share).acos().min(GRAZING[1]);
@@ -417,7 +475,7 @@ impl Sensor {
                 best = (label, vote);
             }
         }
-        let share = (best.0 >= BALLS).then(|| &shares[best.0])?;
+        let share = (best.0 >= TARGETS).then(|| &shares[best.0])?;
         let faded = (mean_cos(share).acos() - GRAZING[0]) / (GRAZING[1] - GRAZING[0]);
         // The normal distribution makes `chance` uniform: neighbours share their window, and are lost together.
         let lost = faded > 0.0 && 0.5 * libm::erfc(chance * core::f64::consts::FRAC_1_SQRT_2) < faded;

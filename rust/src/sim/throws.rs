@@ -6,6 +6,7 @@ use super::impact::{Shape, Solid};
 use super::moves::Move;
 use super::parameters::{Kind, Parameters};
 use super::path::{Path, Stage};
+use super::rigid::{Rigid, State};
 use crate::geometry::camera::{Camera, Pose};
 use crate::math::Vec3;
 use rand::RngExt;
@@ -55,6 +56,8 @@ pub(super) struct Thrower<'a> {
     pub(super) rng: &'a mut Xoshiro256PlusPlus,
     /// How the camera is moved, in the order of time.
     pub(super) moves: Vec<Move>,
+    /// What isn't a ball.
+    pub(super) things: Vec<Rigid>,
 }
 
 impl Thrower<'_> {
@@ -72,8 +75,14 @@ impl Thrower<'_> {
                 Kind::Many => self.many()?,
                 Kind::Drop => std::vec![self.dropped()],
                 Kind::Roll => std::vec![self.try_until(Self::rolling)?],
+                Kind::FlyingRobot | Kind::ToyCar => {
+                    let thing = if self.kind == Kind::ToyCar { self.car(time)? } else { self.robot(time)? };
+                    self.things.push(thing);
+                    Vec::new()
+                }
             };
-            let end = thrown.iter().map(Path::end).fold(0.0, f64::max);
+            let gone = self.things.last().map_or(0.0, |thing| thing.end - time);
+            let end = thrown.iter().map(Path::end).fold(gone, f64::max);
             paths.extend(thrown.into_iter().map(|p| p.later(time)));
             time += end + self.uniform(0.1, 0.8);
         }
@@ -102,16 +111,16 @@ impl Thrower<'_> {
 
     /// Signed distance of the ball's rim from the edge of the image, in its radii: below −1 nothing of it is in view, above 1 all of it.
     pub(super) fn inside(&self, center: &Vec3) -> f64 {
-        self.inside_from(self.pose, center)
+        self.inside_from(self.pose, center, self.parameters.radius)
     }
 
-    /// The same for a camera that has been moved to `pose`.
-    pub(super) fn inside_from(&self, pose: &Pose, center: &Vec3) -> f64 {
+    /// The same for a camera that has been moved to `pose`, and a sphere of this radius.
+    pub(super) fn inside_from(&self, pose: &Pose, center: &Vec3, radius: f64) -> f64 {
         let c = pose.to_camera(center);
         let Some((x, y)) = self.camera.project(&c) else { return -9.0 };
         let (width, height) = (self.camera.width as f64, self.camera.height as f64);
         let margin = (x + 0.5).min(width - 0.5 - x).min(y + 0.5).min(height - 0.5 - y);
-        margin / (self.camera.fx * self.parameters.radius / c.z)
+        margin / (self.camera.fx * radius / c.z)
     }
 
     /// From when to when all of the ball is in view, the first time it is.
@@ -123,8 +132,15 @@ impl Thrower<'_> {
         Some((enter, leave))
     }
 
+    /// Whether all of a thing is in view all the time.
+    pub(super) fn stays_in_view(&self, thing: &Rigid) -> bool {
+        let reach = thing.reach();
+        let whole = |state: State| self.inside_from(self.pose, &state.position, reach) > 1.0;
+        (0..((thing.end - thing.start) / 2e-2) as u32).all(|i| thing.at(thing.start + f64::from(i) * 2e-2).is_none_or(whole))
+    }
+
     /// A point in the middle of the scene, `height` over the floor.
-    fn around_middle(&mut self, x: f64, y: f64, height: f64) -> Vec3 {
+    pub(super) fn around_middle(&mut self, x: f64, y: f64, height: f64) -> Vec3 {
         let middle = self.parameters.distance;
         Vec3::new(self.uniform(-x, x), middle + self.uniform(-y, y), height)
     }

@@ -3,9 +3,11 @@
 use super::parameters::Parameters;
 use super::path::{Path, Stage, Touch};
 use super::rig::Rig;
-use super::truth::{BallTruth, ContactTruth, FrameTruth, RollTruth, SurfaceTruth, Truth};
+use super::rigid::{Part, Rigid};
+use super::sensor::Form;
+use super::truth::{BallTruth, ContactTruth, FrameTruth, ObjectTruth, PartTruth, RollTruth, ShapeTruth, SurfaceTruth, Truth};
 use crate::geometry::camera::Camera;
-use crate::math::Vec3;
+use crate::math::{Vec3, rows};
 use crate::time::after;
 use std::borrow::ToOwned;
 use std::string::ToString;
@@ -17,20 +19,15 @@ pub(super) struct Witness<'a> {
     pub(super) rig: &'a Rig,
     pub(super) stage: &'a Stage,
     pub(super) paths: &'a [Path],
+    pub(super) things: &'a [Rigid],
     pub(super) start_ns: i64,
 }
 
 impl Witness<'_> {
     /// The frame that begins `t` s after the scene.
     pub(super) fn frame(&self, timestamp_ns: i64, t: f64) -> FrameTruth {
-        let camera = self.camera;
-        // The row that shows a ball depends on when it is seen, and the other way round: three rounds settle it.
         let seen = self.paths.iter().enumerate().filter_map(|(ball, path)| {
-            let mut time = t;
-            for _ in 0..3 {
-                let (_, row) = camera.project(&self.rig.at(time).to_camera(&path.at(time)?.0))?;
-                time = t + camera.readout * row.clamp(0.0, camera.height as f64 - 1.0) / (camera.height - 1) as f64;
-            }
+            let time = self.row_time(t, |time| Some(path.at(time)?.0))?;
             let (center, velocity) = path.at(time)?;
             Some((ball, time, center, velocity, self.rig.at(time).to_camera(&center), path.ball.radius))
         });
@@ -45,14 +42,44 @@ impl Witness<'_> {
                 velocity: velocity.into(),
                 acceleration: self.paths[ball].acceleration(time).unwrap_or_default().into(),
                 active: false,
-                in_view: in_view(camera, &c, radius, &others),
+                in_view: in_view(self.camera, &c, radius, &others),
             }
         });
         FrameTruth {
             timestamp_ns,
             camera_displacement: self.rig.displacement(t).map(Into::into),
             balls: balls.filter(|b| b.in_view > 0.0).collect(),
+            objects: (0..self.things.len()).filter_map(|object| self.object(object, t)).filter(|o| o.in_view > 0.0).collect(),
         }
+    }
+
+    /// When something is seen in the frame that begins at `t`: the row that shows it depends on when that is, and the other way round; three rounds
+    /// settle it.
+    fn row_time(&self, t: f64, center: impl Fn(f64) -> Option<Vec3>) -> Option<f64> {
+        let camera = self.camera;
+        (0..3).try_fold(t, |time, _| {
+            let (_, row) = camera.project(&self.rig.at(time).to_camera(&center(time)?))?;
+            Some(t + camera.readout * row.clamp(0.0, camera.height as f64 - 1.0) / (camera.height - 1) as f64)
+        })
+    }
+
+    fn object(&self, object: usize, t: f64) -> Option<ObjectTruth> {
+        let thing = &self.things[object];
+        let time = self.row_time(t, |time| Some(thing.at(time)?.position))?;
+        let state = thing.at(time)?;
+        let center_in_camera = self.rig.at(time).to_camera(&state.position);
+        Some(ObjectTruth {
+            object,
+            kind: thing.kind,
+            time_ns: after(self.start_ns, time),
+            center: state.position.into(),
+            center_in_camera: center_in_camera.into(),
+            rotation: rows(&state.rotation),
+            velocity: state.velocity.into(),
+            acceleration: state.acceleration.into(),
+            active: state.active,
+            in_view: in_view(self.camera, &center_in_camera, thing.reach(), &[]),
+        })
     }
 
     /// All but the frames.
@@ -90,6 +117,11 @@ impl Witness<'_> {
                 surface: stage.solids[solid].name.to_owned(),
             })
         });
+        let shapes = self.things.iter().enumerate().map(|(object, thing)| ShapeTruth {
+            object,
+            kind: thing.kind,
+            parts: thing.parts.iter().map(part).collect(),
+        });
         Truth {
             scene: scene.to_owned(),
             parameters,
@@ -98,8 +130,17 @@ impl Witness<'_> {
             surfaces: surfaces.collect(),
             contacts,
             rolling: rolling.collect(),
+            shapes: shapes.collect(),
             frames: Vec::new(),
         }
+    }
+}
+
+fn part(part: &Part) -> PartTruth {
+    let center = part.center.into();
+    match part.form {
+        Form::Sphere { radius } => PartTruth::Sphere { center, radius },
+        Form::Box { half } => PartTruth::Box { center, half: half.into(), rotation: rows(&part.axes) },
     }
 }
 
