@@ -73,7 +73,12 @@ def test_table_1_says_what_the_events_say(made: Path) -> None:
             ground, box = sorted(sorted(surfaces, key=lambda s: -s.contacts)[:2], key=lambda s: s.offset)
             assert box.above is not None
             assert ground.tilt is not None
-            heights.append(1e3 * box.above.height)
+            if box.above.surface == ground.id:
+                heights.append(1e3 * box.above.height)
+            else:
+                # The paper's scattered contacts made a third plane between the two.
+                assert config is PAPER
+                heights.append(1e3 * float(np.mean(np.asarray(box.outline) @ ground.normal - ground.offset)))
             tilts.append(math.degrees(ground.tilt))
         assert cells(text, "box height")[column] == f"{np.mean(heights):.2f} ± {np.std(heights, ddof=1):.2f} mm"
         assert cells(text, "ground orientation")[column] == f"{np.mean(tilts):.2f} ± {np.std(tilts, ddof=1):.2f} °"

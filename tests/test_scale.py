@@ -70,12 +70,39 @@ def test_drag_that_is_left_out_would_be_wrong_by_more() -> None:
     assert abs(vacuum.scale / 0.5 - 1) > 1e-3
 
 
+@pytest.mark.parametrize("drag", [0.0, TENNIS, 6.4 * TENNIS])
+def test_drag_that_is_unknown_is_found_along(drag: float) -> None:
+    t, positions, _ = thrown(0.5, 3, drag=drag)
+    fit = physinc.fit_scale(t, positions)
+    assert fit is not None
+    assert fit.scale == pytest.approx(0.5, rel=2e-4)
+    assert fit.drag == pytest.approx(drag, abs=1e-3)
+    # Where noise leaves it open, the scale is less sure.
+    t, positions, _ = thrown(0.5, 3, drag=drag, noise=2e-3, count=12)
+    known, unknown = physinc.fit_scale(t, positions, drag=drag), physinc.fit_scale(t, positions)
+    assert known is not None
+    assert unknown is not None
+    assert known.sd < unknown.sd < 20 * known.sd
+
+
+@pytest.mark.parametrize("drag", [0.0, TENNIS, 2 * TENNIS])
+def test_sigma_is_honest_where_drag_is_unknown(drag: float) -> None:
+    z = []
+    for seed in range(1200, 1400):
+        t, positions, _ = thrown(0.37, seed, count=15, noise=2e-3, drag=drag)
+        fit = physinc.fit_scale(t, positions)
+        assert fit is not None
+        z.append((fit.scale - 0.37) / fit.sd)
+    # The guess may be a standard deviation off itself.
+    assert float(np.sqrt(np.mean(np.square(z)))) < 1.4
+
+
 @pytest.mark.parametrize("told", [False, True])
 def test_sigma_is_that_of_the_errors(told: bool) -> None:
     z = []
     for seed in range(1000, 1200):
         t, positions, _ = thrown(0.37, seed, count=15, noise=2e-3)
-        fit = physinc.fit_scale(t, positions, sd=2e-3 / 0.37 if told else None)
+        fit = physinc.fit_scale(t, positions, drag=TENNIS, sd=2e-3 / 0.37 if told else None)
         assert fit is not None
         z.append((fit.scale - 0.37) / fit.sd)
     # Over 200 seeds a standard deviation of 1 comes out as 1 ± 0.05, a mean of 0 as ± 0.07.

@@ -950,7 +950,7 @@ class FlightFit:
 class ScaleFit:
     """Metres per unit of a trajectory that was known up to scale."""
 
-    __match_args__ = ("scale", "sd", "gravity_direction", "residual_sd", "dof")
+    __match_args__ = ("scale", "sd", "gravity_direction", "drag", "residual_sd", "dof")
     @property
     def scale(self) -> float:
         """Metres per unit."""
@@ -960,6 +960,9 @@ class ScaleFit:
     @property
     def gravity_direction(self) -> _Array:
         """Where gravity pulls: unit vector [3] in the trajectory's own axes."""
+    @property
+    def drag(self) -> float:
+        """k of a = g − k |v| v, 1/m, as told or as the flight tells it."""
     @property
     def residual_sd(self) -> float:
         """Standard deviation of the positions about the flight, units an axis."""

@@ -96,21 +96,21 @@ def fit_scale(
     positions: ArrayLike,
     *,
     gravity: float = 9.81,
-    drag: Drag = None,
+    drag: Drag | Literal["unknown"] = "unknown",
     sd: float | None = None,
     covariance: ArrayLike | None = None,
 ) -> ScaleFit | None:
     """Find the metres per unit of a flight that is known up to scale, as structure from motion knows it, from |a| = g (sec. 3.1).
 
     `positions` [N, 3] are in any unit and any inertial axes: where gravity pulls is found along. `drag` is in metres, as in `fit_flight`
-    (0 for none), so the two are found by turns. The σ of the scale is that of the noise; the size of `gravity` (m/s²; on Earth within
-    0.3 % of 9.81) and the drag are taken for exact.
+    (0 for none, `None` for a tennis ball's), so the two are found by turns; unknown, it is found along, from 0.02 ± 0.02 1/m on, and
+    what is left open of it is part of the scale's σ. The size of `gravity` (m/s²; on Earth within 0.3 % of 9.81) is taken for exact.
 
     Noise: `sd` (units an axis) or `covariance` [3, 3] or [N, 3, 3] (units²), widened where the flight fits worse; without either the
     residuals tell it, which takes 6 positions instead of 4. `None` where no flight is seen: a constant velocity, a touch in between
     (`split_flights` parts there), a motion of its own.
     """
-    found = _physinc.fit_scale(t, positions, gravity, _drag(drag), sd, covariance)
+    found = _physinc.fit_scale(t, positions, gravity, drag if isinstance(drag, str) else _drag(drag), sd, covariance)
     return None if isinstance(found, str) else found
 
 

@@ -29,8 +29,8 @@ class Fall(NamedTuple):
 
     gravity: float
     """Its size, m/s²."""
-    drag: float | Path | None
-    """k, 1/m, or the configuration that tells it."""
+    drag: float | Path | str
+    """k, 1/m, or the configuration that tells it, or `unknown`."""
     sd: float | None
     """Noise of the positions, units an axis."""
 
@@ -79,7 +79,7 @@ def scale(
     gravity
         Its size, m/s².
     drag
-        k of a = g - k |v| v, 1/m; 0 for none. Left out: the ball of --config, or a tennis ball's.
+        k of a = g - k |v| v, 1/m; 0 for none. Left out: that of the ball of --config, or else unknown, to be found along.
     config
         TOML file, as for run: radius, mass and drag of the ball.
     sd
@@ -90,7 +90,7 @@ def scale(
     if not len(t):
         raise RecordingError(f"{csv}: there are no positions in it")
     told, refused = [], []
-    fall = Fall(gravity, drag if drag is not None else config, sd)
+    fall = Fall(gravity, next(known for known in (drag, config, "unknown") if known is not None), sd)
     for label in sorted(set(labels)):
         rows = np.flatnonzero(np.array(labels) == label)
         rows = rows[np.argsort(t[rows], kind="stable")]

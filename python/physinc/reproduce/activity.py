@@ -14,7 +14,7 @@ from physinc.arrays import find_inconsistencies
 
 from .experiment import Experiment, Picture, Section, Table, Task, spread
 from .observation import Array, Observation, Trace, images, observe
-from .style import MEASURED, OURS, PREDICTED, label, legend_below, picture_of_depth, png, sheet
+from .style import MEASURED, OURS, PREDICTED, empty_sheet, label, legend_below, picture_of_depth, png
 
 THETA = 0.006
 """The paper's, m."""
@@ -50,14 +50,14 @@ THINGS = (ROBOT, BALL, CAR)
 
 @dataclass(frozen=True)
 class Judged:
-    """Frames of a track, NaN-free: whether the object was active, and what was said."""
+    """Frames of a track: whether the object was active, and what was said."""
 
     active: Array
     """[N], true activity, of 0 or 1."""
     clear: Array
     """[N], no change of it is near, of 0 or 1."""
     ours: Array
-    """[N], as the events say."""
+    """[N], as the events say; NaN where they say nothing."""
     paper: Array
     """[N], moving average of the residual beyond θ."""
 
@@ -78,8 +78,8 @@ def truly_active(seen: Observation, trace: Trace) -> Array:
     frames = seen.truth["frames"]
 
     def nearest(frame: int, center: Array) -> float:
-        balls = frames[frame]["balls"]
-        return float(min(balls, key=lambda ball: float(np.linalg.norm(np.asarray(ball["center"]) - center)))["active"])
+        things = [*frames[frame]["balls"], *frames[frame].get("objects", ())]
+        return float(min(things, key=lambda thing: float(np.linalg.norm(np.asarray(thing["center"]) - center)))["active"])
 
     return np.array([nearest(int(frame), center) for frame, center in zip(trace.frame, trace.center, strict=True)])
 
@@ -91,7 +91,7 @@ def judge(thing: Thing, seed: int) -> Judged:
     changes = np.flatnonzero(np.diff(active)) + 0.5
     index = np.arange(len(active))
     clear = np.array([float(not len(changes) or np.min(np.abs(changes - i)) > NEAR_A_CHANGE) for i in index])
-    ours = np.zeros(len(active))
+    ours = np.full(len(active), np.nan)
     for activity in said(seen, trace):
         inside = (trace.t >= seen.seconds(activity.start_ns) - 1e-6) & (trace.t <= seen.seconds(activity.end_ns) + 1e-6)
         ours[inside] = float(activity.active)
@@ -111,7 +111,7 @@ def section(seeds: Sequence[int], results: Sequence[Judged]) -> Section:
 
     def row(name: str, what: str, published: str, active: bool) -> list[str]:
         def part(judged: Judged, said_active: Array) -> float:
-            chosen = (judged.active == active) & (judged.clear > 0)
+            chosen = (judged.active == active) & (judged.clear > 0) & np.isfinite(said_active)
             return 100 * float(np.mean(said_active[chosen])) if chosen.any() else np.nan
 
         papers, ours = ([part(j, getattr(j, method)) for j in of[name]] for method in ("paper", "ours"))
@@ -143,7 +143,9 @@ def drawn(thing: Thing, seed: int) -> Picture:
     """Figures 12, 13 and 14: an object, its trajectory, its inconsistencies."""
     seen, trace = observed(thing, seed)
     depth, camera = images(seen.scene)
-    figure, (left, middle, right) = sheet(1, 3, 3.5, width_ratios=(1, 0.9, 1.35))
+    figure = empty_sheet(4.6)
+    grid = figure.add_gridspec(2, 2, width_ratios=(1, 1.5))
+    left, middle, right = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[1, 0]), figure.add_subplot(grid[:, 1])
     half = len(trace.t) // 2
     frame = depth[int(trace.frame[half])]
     picture_of_depth(left, frame, "(a) depth frame", near=0.8, far=3.5)

@@ -137,7 +137,7 @@ def section(_: Sequence[int], results: Sequence[tuple[str, list[Flight]]]) -> Se
                 "Flights by motion capture",
                 ("recording", "flights", "a millimetre, median", "scatter", "99 % of measurements within"),
                 rows,
-                "The scatter is 1.4826 × the median absolute deviation. Drag is a tennis ball's; the balls are others.",
+                "The scatter is 1.4826 × the median absolute deviation. Drag is found along with the scale.",
             )
         ],
     )

@@ -199,12 +199,12 @@ def reconstruction(paper: Observation, ours: Observation) -> Picture:
     for column, (name, seen) in enumerate((("paper's method", paper), ("ours", ours))):
         patches = [q for c in seen.of(p.Contact) if (q := _patch(c, paper=column == 0)) is not None]
         surfaces = [s for s in seen.of(p.Surface) if s.merged_into is None and s.outline is not None and len(s.outline) > 2]
-        axes: Any = figure.add_subplot(grid[0, column], projection="3d")
+        axes: Any = figure.add_axes((0.01 + 0.49 * column, 0.53, 0.43, 0.42), projection="3d")
         axes.add_collection3d(Poly3DCollection(patches, facecolor=MEASURED["color"], edgecolor="0.2", lw=0.4, alpha=0.9))
         axes.add_collection3d(Poly3DCollection([s.outline for s in surfaces], facecolor=PREDICTED["color"], alpha=0.25))
         axes.add_collection3d(Line3DCollection(_edges(seen), color="0.0", lw=1.0))
         axes.set(xlim=(-0.7, 0.8), ylim=(1.2, 2.4), zlim=(-0.02, 0.22))
-        axes.set_box_aspect((1.5, 1.2, 0.5), zoom=1.15)
+        axes.set_box_aspect((1.5, 1.2, 0.5), zoom=1.12)
         axes.view_init(elev=17, azim=-70)
         axes.set(xticks=[-0.5, 0.0, 0.5], yticks=[1.4, 1.8, 2.2], zticks=[0.0, 0.1, 0.2])
         label(axes, "x / m", "y / m", "height / m", title=f"(a) reconstruction, {name}")
@@ -229,7 +229,7 @@ def _from_above(axes: Axes, patches: list[Array], surfaces: list[p.Surface], cor
         axes.fill(patch[:, 0], patch[:, 1], facecolor=MEASURED["color"], edgecolor="0.2", lw=0.4, label="patches" if i == 0 else None)
     ring = np.vstack([corners, corners[:1]])
     axes.plot(ring[:, 0], ring[:, 1], **TRUE, label="true box")
-    axes.set(xlim=(-0.95, 0.95), ylim=(1.3, 2.75))
+    axes.set(xlim=(-0.95, 0.95), ylim=(1.3, 2.75), xticks=(-0.5, 0.0, 0.5))
     axes.set_aspect("equal")
     axes.legend(loc="upper left", ncols=2, fontsize=7.5)
 

@@ -63,7 +63,7 @@ def patch_tilt(contact: p.Contact, *, paper: bool) -> float:
 
 
 def _height(box: p.Surface, ground: p.Surface) -> float:
-    """As the event says, or, where the planes don't pass for parallel, of the middle of the box's contacts over the ground."""
+    """As the event says, or, where it tells the height over another plane, of the middle of the box's contacts over the ground."""
     if box.above is not None and box.above.surface == ground.id:
         return box.above.height
     if box.outline is None:
@@ -95,7 +95,8 @@ def table(paper: Sequence[Estimate], ours: Sequence[Estimate]) -> Table:
             row("single patches' orientation (rms)", "0°", "–", field="patch_tilt", scale=degrees, unit="°"),
         ],
         f"Mean ± standard deviation over {of} seeds of sim:bounce (six throws). By the paper's method: θ = 6 mm on one-step predictions by"
-        " Eq. 5, two free parabolas, patches along the motion; planes through contacts are ours in both. Orientation is the angle from the"
+        " Eq. 5, two free parabolas, patches along the motion; planes through contacts are ours in both, and the two with the most"
+        " contacts count. Orientation is the angle from the"
         " horizontal, which cannot be below 0.",
     )
 

@@ -17,16 +17,36 @@ const GAIN: f64 = 60.0;
 pub fn flights(samples: &[Sample], scratch: &mut [f64], out: &mut impl FnMut(Range<usize>)) {
     // Too few to tell their noise: two flights can't be told from one.
     let noise = watch::noise(samples, scratch).unwrap_or(f64::INFINITY);
-    divide(samples, 0..samples.len(), noise, scratch, out);
+    let mut open = 0..0;
+    let mut close = |range: &Range<usize>| {
+        if range.len() >= LEAST {
+            out(range.clone());
+        }
+    };
+    // Of two kicks the first cut may fall between: what it parted without need is joined again.
+    divide(samples, 0..samples.len(), noise, scratch, &mut |range: Range<usize>| {
+        let both = &samples[open.start..range.end];
+        let parts = left_over(both, open.len()..both.len()) + left_over(both, 0..open.len());
+        if !open.is_empty() && !is_kick(both, left_over(both, 0..both.len()) - parts, noise) {
+            open.end = range.end;
+        } else {
+            close(&open);
+            open = range;
+        }
+    });
+    close(&open);
 }
 
+/// Whether two cubics that leave over so much less (units²) than one are two flights.
+fn is_kick(samples: &[Sample], gain: f64, noise: f64) -> bool {
+    let least = noise.max(SMOOTH * extent(samples));
+    gain > GAIN * least * least
+}
+
+/// Cuts where kicks are most probable, and hands out the parts.
 fn divide(samples: &[Sample], range: Range<usize>, noise: f64, scratch: &mut [f64], out: &mut impl FnMut(Range<usize>)) {
-    if range.len() < LEAST {
-        return;
-    }
     let part = &samples[range.clone()];
-    let least = noise.max(SMOOTH * extent(part));
-    match kick(part, scratch).filter(|(_, gain)| *gain > GAIN * least * least) {
+    match kick(part, scratch).filter(|(_, gain)| is_kick(part, *gain, noise)) {
         None => out(range),
         Some((at, _)) => {
             let middle = range.start + at;
@@ -36,21 +56,33 @@ fn divide(samples: &[Sample], range: Range<usize>, noise: f64, scratch: &mut [f6
     }
 }
 
+/// What a cubic through a part of `samples` leaves over, units².
+fn left_over(samples: &[Sample], part: Range<usize>) -> f64 {
+    let mut cubic = Cubic::default();
+    for sample in &samples[part] {
+        cubic.observe(scaled(samples, sample));
+    }
+    cubic.left_over()
+}
+
+/// Times from −1 to 1 over all `samples`, positions about the first: cubics stay well conditioned.
+fn scaled(samples: &[Sample], s: &Sample) -> (f64, Vec3) {
+    let (first, last) = (&samples[0], &samples[samples.len() - 1]);
+    ((2.0 * s.t - first.t - last.t) / (last.t - first.t), s.position - first.position)
+}
+
 /// The first sample after the most probable kick, and how much less two cubics leave over than one, units².
 fn kick(samples: &[Sample], scratch: &mut [f64]) -> Option<(usize, f64)> {
-    let (first, last) = (samples.first()?, samples.last()?);
-    // Times from −1 to 1, positions about the first: the cubics stay well conditioned.
-    let of = |s: &Sample| ((2.0 * s.t - first.t - last.t) / (last.t - first.t), s.position - first.position);
     let mut cubic = Cubic::default();
     for (left, sample) in scratch.iter_mut().zip(samples) {
-        cubic.observe(of(sample));
+        cubic.observe(scaled(samples, sample));
         *left = cubic.left_over();
     }
     let whole = cubic.left_over();
     let mut cubic = Cubic::default();
     let mut best: Option<(usize, f64)> = None;
     for (i, sample) in samples.iter().enumerate().rev() {
-        cubic.observe(of(sample));
+        cubic.observe(scaled(samples, sample));
         if i >= 4 && samples.len() - i >= 4 {
             let gain = whole - scratch.get(i - 1)? - cubic.left_over();
             if best.is_none_or(|(_, most)| gain > most) {

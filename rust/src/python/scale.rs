@@ -13,7 +13,7 @@ use pyo3::prelude::*;
 use std::format;
 use std::fs::File;
 use std::path::PathBuf;
-use std::string::ToString;
+use std::string::{String, ToString};
 use std::vec::Vec;
 
 /// Metres per unit, or why there is no such thing.
@@ -29,15 +29,21 @@ pub fn fit_scale<'py>(
     if !(gravity > 0.0 && gravity.is_finite()) {
         return Err(PyValueError::new_err(format!("gravity = {gravity}: a size must be above 0 and finite, m/s²")));
     }
-    let drag = law::drag(drag)?.drag;
+    let unknown = drag.and_then(|drag| drag.extract::<String>().ok()).is_some_and(|word| word == "unknown");
+    let drag = if unknown { scale::Drag::UNKNOWN } else { scale::Drag { mean: law::drag(drag)?.drag, sd: 0.0 } };
     let noise = Noise { sd, covariance };
     let mut samples = samples(t, positions, noise, if noise.is_unknown() { split::LEAST } else { 4 })?;
     let mut scratch = std::vec![0.0; 3 * samples.len()];
     match scale::fit_scale(&mut samples, gravity, drag, !noise.is_unknown(), &mut scratch) {
-        Ok(fit) => {
-            ScaleFit { scale: fit.scale, sd: fit.sd, gravity_direction: fit.down.into(), residual_sd: fit.residual_sd, dof: fit.dof }
-                .into_bound_py_any(t.py())
+        Ok(fit) => ScaleFit {
+            scale: fit.scale,
+            sd: fit.sd,
+            gravity_direction: fit.down.into(),
+            drag: fit.drag,
+            residual_sd: fit.residual_sd,
+            dof: fit.dof,
         }
+        .into_bound_py_any(t.py()),
         Err(NoScale::Straight) => {
             "its acceleration can't be told from none: it moves straight, or was not seen long enough".into_bound_py_any(t.py())
         }
@@ -59,6 +65,7 @@ pub fn split_flights<'py>(t: &Bound<'py, PyAny>, positions: &Bound<'py, PyAny>) 
 
 /// The rows of a CSV of positions: times (s, since the first), positions, tracks (−1 where none is told).
 #[pyfunction]
+#[allow(clippy::needless_pass_by_value)] // As Python gives it.
 pub fn read_positions(py: Python<'_>, path: PathBuf) -> PyResult<(Bound<'_, PyAny>, Bound<'_, PyAny>, Vec<i64>)> {
     let name = path.display().to_string();
     let file = File::open(&path).map_err(|error| crate::source::SourceError::unreadable(&name, error))?;
