@@ -401,14 +401,12 @@ impl Config {
     fn refuse_what_is_to_come(&self) -> Result<(), ConfigError> {
         let to_come = [
             (self.object.shape == Shape::Any, "object.shape", "\"sphere\", the only shape in this version"),
-            (self.laws.law != LawName::FreeFall, "laws.law", "\"free_fall\", the only law in this version"),
             (self.laws.magnus, "laws.magnus", "false: this version has no Magnus force"),
             (
                 matches!(self.assume.camera, Some(CameraAssumption::Moving | CameraAssumption::Unknown)),
                 "assume.camera",
                 "\"static\" or \"tilted\": this version has no moving cameras",
             ),
-            (self.assume.objects == ObjectsAssumption::Unknown, "assume.objects", "\"passive\": this version has no objects with a motor"),
             (!self.environment.mesh.is_empty(), "environment.mesh", "planes, boxes and spheres: this version has no meshes"),
         ];
         match to_come.into_iter().find(|(asked, ..)| *asked) {

@@ -135,10 +135,8 @@ mod tests {
     fn what_is_to_come_is_refused() {
         for (text, key) in [
             ("[object]\nshape = \"any\"", "object.shape"),
-            ("[laws]\nlaw = \"auto\"", "laws.law"),
             ("[laws]\nmagnus = true", "laws.magnus"),
             ("[assume]\ncamera = \"moving\"", "assume.camera"),
-            ("[assume]\nobjects = \"unknown\"", "assume.objects"),
             ("[[environment.mesh]]\npath = \"a.obj\"", "environment.mesh"),
         ] {
             assert!(message(text).contains(key), "{text}: {}", message(text));

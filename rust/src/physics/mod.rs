@@ -6,7 +6,9 @@ pub mod flight;
 pub mod gravity;
 pub mod inconsistency;
 pub mod law;
+pub mod onset;
 pub mod paper;
+pub mod sequential;
 pub mod watch;
 
 use crate::math::{Mat3, Vec3};

@@ -10,6 +10,7 @@ use crate::physics::inconsistency::Inconsistency;
 use crate::physics::law::FreeFallWithDrag;
 use crate::physics::{between, paper};
 use crate::scene::plane::Patch;
+use crate::track::object::Track;
 
 /// A flight tells of the tracker's noise from this long after its beginning, s.
 const SETTLED: f64 = 0.1;
@@ -75,7 +76,8 @@ impl Reasoning {
 
     /// A flight is over: what it says of gravity and of the noise.
     pub(super) fn learn(&mut self, id: u32, law: FreeFallWithDrag, flight: &Flight, since: f64, until: f64, sink: &mut dyn FnMut(Event)) {
-        let Some(track) = self.tracks.iter().find(|t| t.id == id) else { return };
+        let passive = |t: &&Track| t.activity.as_ref().is_none_or(|activity| activity.is_passive(since, until));
+        let Some(track) = self.tracks.iter().find(|t| t.id == id).filter(passive) else { return };
         let samples = between(track.samples(), since, until);
         // Just after an impact a ball swings.
         self.noise.learn(flight, &law, between(samples, since + SETTLED, until));

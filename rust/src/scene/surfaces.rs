@@ -63,6 +63,11 @@ impl Surfaces {
         self.environment.touched(center, covariance, radius).or_else(found)
     }
 
+    /// What is known of the environment.
+    pub fn environment(&self) -> &Environment {
+        &self.environment
+    }
+
     /// Takes in a final contact; returns the surface it belongs to, and that surface's normal there.
     pub fn add(&mut self, patch: Patch, up: &Up) -> Option<(u32, Vec3)> {
         let covariance: Mat3 = patch.covariance.fixed_view::<3, 3>(0, 0).into();

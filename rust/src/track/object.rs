@@ -7,6 +7,7 @@ use crate::physics::law::{FreeFall, Law, State};
 use crate::physics::{Sample, between};
 use crate::time::{after, seconds_between};
 use crate::track::Measurement;
+use crate::track::activity::Activity;
 use crate::track::hypothesis::Surroundings;
 use crate::track::motion::{Findings, Motion};
 use crate::track::noise::Noise;
@@ -58,6 +59,8 @@ pub struct Track {
     hints: Vec<Sample, HINTS>,
     window: Window,
     watch: Watch,
+    /// Of an object that may have a motor.
+    pub activity: Option<Activity>,
 }
 
 impl Track {
@@ -80,6 +83,7 @@ impl Track {
             hints: Vec::new(),
             window: Window::default(),
             watch,
+            activity: None,
         }
     }
 
@@ -96,6 +100,12 @@ impl Track {
     /// The recent past.
     pub fn samples(&self) -> &[Sample] {
         self.window.samples()
+    }
+
+    /// Whether it is active, if that is asked, and the recent past.
+    pub fn activity(&mut self) -> Option<(&mut Activity, &[Sample])> {
+        let Self { activity, window, .. } = self;
+        activity.as_mut().map(|activity| (activity, window.samples()))
     }
 
     /// Takes in a measurement. Where it comes without covariance, `noise` learns from it and tells how good it is.
