@@ -192,6 +192,9 @@ fn a_toy_car_is_active_where_it_turns() {
             let told = judged(&config(law, scene), 4.0 + turning, 1.0e-3 + 1e-3 * (part * 5.0).fract(), u64::from(seed), path);
             let spans = [(0.0, 2.0 - MARGIN), (2.0 + turning + MARGIN, 4.0 + turning)];
             let turn = (2.0 + MARGIN, 2.0 + turning - MARGIN);
+            if active(&told, turn.0, turn.1) < 1.0 {
+                println!("{seed}: {speed:.2} m/s, turning for {turning:.2} s: {told:?}");
+            }
             turns += active(&told, turn.0, turn.1) * (turn.1 - turn.0);
             straights += spans.iter().map(|(a, b)| active(&told, *a, *b) * (b - a)).sum::<f64>();
             seconds = (seconds.0 + turn.1 - turn.0, seconds.1 + spans.iter().map(|(a, b)| b - a).sum::<f64>());

@@ -35,7 +35,7 @@ pub struct Onset {
     pub chi2: f64,
     /// Log of the odds, with all τ as likely and even odds before, that there is such an acceleration.
     pub log_odds: f64,
-    /// Standard deviation (m/s², an axis) to which an acceleration of all samples would be known.
+    /// Standard deviation (m/s², an axis) to which an acceleration of all samples would be known; axes of which nothing is known don't count.
     pub sd: f64,
 }
 
@@ -90,7 +90,7 @@ pub fn onset(flight: &Flight, law: &dyn Law, samples: &[Sample], side: Side) -> 
         let acceleration = cholesky.solve(&vector);
         let found = Onset { time: at.t, acceleration, chi2: vector.dot(&acceleration), log_odds: 0.0, sd: 0.0 };
         // The last one is that of all samples.
-        sd = sqrt(cholesky.inverse().trace() / 3.0);
+        sd = sqrt(3.0 / information.trace());
         if best.is_none_or(|b| found.chi2 > b.chi2) {
             best = Some(found);
         }

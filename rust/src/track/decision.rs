@@ -11,9 +11,9 @@ use crate::track::hypothesis::{LONGEST_BRIDGE, limit};
 use crate::track::interval::{Intervals, Told};
 use crate::track::passive::{Circumstances, Explanation, MODES, Mode};
 
-/// A doubt waits at least so long, and at most, for what explains it, s: contacts take as long to be found.
-const PATIENCE: (f64, f64) = (0.12, 0.3);
-/// An object is seen to be passive again after so long, s, and so many samples; what is still not clear after the longer time counts.
+/// A doubt waits so long for what explains it, s: contacts take as long to be found.
+const PATIENCE: f64 = 0.12;
+/// An object is seen to be passive again after so long, s, and so many samples; what is still not clear after the longer time is taken as it is.
 const CALM: (f64, f64, usize) = (0.2, 0.8, 5);
 /// An acceleration would show if it were so many times its standard deviation.
 const TELLING: f64 = 6.0;
@@ -52,6 +52,10 @@ pub struct Decision {
     tied: bool,
     log_odds: f64,
     newest: f64,
+    /// The present interval is passive, after one that was active.
+    returned: bool,
+    /// Newest sample that a passive motion explained, s.
+    held: f64,
 }
 
 /// Where decisions go.
@@ -76,6 +80,8 @@ impl Decision {
             tied: false,
             log_odds: 0.0,
             newest: f64::NEG_INFINITY,
+            returned: false,
+            held: f64::NEG_INFINITY,
         }
     }
 
@@ -153,25 +159,27 @@ impl Decision {
         let stretch = self.stretch(samples, None);
         let Some((first, last)) = stretch.first().zip(stretch.last()).filter(|_| stretch.len() >= 3) else { return };
         let allowance = self.allowance.next();
-        let mut best: Option<Explanation> = None;
+        let (mut best, mut exceeded) = (None::<Explanation>, None::<Onset>);
         for (mode, ruled_out) in MODES.into_iter().zip(&mut self.ruled_out) {
             let Some(explained) = place.explain(mode, &stretch, Side::After).filter(|_| ruled_out.is_none()) else { continue };
             if Allowance::is_exceeded(allowance, explained.onset.chi2) {
                 *ruled_out = Some(explained.onset);
+                // The motion that held for longest tells best what is new.
+                exceeded = exceeded.filter(|e| e.time > explained.onset.time).or(Some(explained.onset));
             } else if best.as_ref().is_none_or(|b| explained.onset.chi2 < b.onset.chi2) {
                 best = Some(explained);
             }
         }
         if let Some(explained) = best {
-            self.log_odds = explained.onset.log_odds;
+            (self.log_odds, self.held) = (explained.onset.log_odds, last.t);
             self.tied |= explained.hidden && self.ruled_out[Mode::Falling as usize].is_some();
             return;
         }
-        // The motion that held for longest tells best what is new. Where none is possible at all, gravity is overcome.
-        let latest = self.ruled_out.iter().flatten().max_by(|a, b| a.time.total_cmp(&b.time)).copied();
-        let acceleration = -place.around.gravity.mean;
-        let impossible = Onset { time: first.t, acceleration, chi2: f64::INFINITY, log_odds: 300.0, sd: 0.0 };
-        self.phase = Phase::Doubtful(latest.unwrap_or(impossible), last.t, allowance);
+        // Where none is possible any more, gravity is overcome.
+        let lifted = place.lifted(&stretch).filter(|lifted| Allowance::is_exceeded(allowance, lifted.chi2));
+        let time = lifted.map_or(self.held, |lifted| lifted.time).min(self.held).max(first.t);
+        let overcome = Onset { time, acceleration: -place.around.gravity.mean, chi2: f64::INFINITY, log_odds: 300.0, sd: 0.0 };
+        self.phase = Phase::Doubtful(exceeded.unwrap_or(overcome), last.t, allowance);
     }
 
     /// What explains the doubt? A wild sample, an impact, another passive motion; or a force of its own.
@@ -192,47 +200,55 @@ impl Decision {
         }
         let strength = onset.acceleration.norm();
         let stretch = self.stretch(samples, None);
-        let before = between(&stretch, f64::NEG_INFINITY, onset.time + 1e-9);
-        let before = best(place, before);
-        for k in 0..stretch.len() {
-            let fresh = stretch.get(k..).unwrap_or_default();
-            let Some(start) = fresh.first().filter(|s| s.t >= onset.time && s.t <= alarm.max(onset.time + IMPACT)) else { continue };
-            let Some(after) = best(place, fresh).filter(|e| fresh.len() >= 4 && is_accepted(e) && e.onset.sd < strength / TELLING) else {
-                continue;
-            };
+        let before = best(place, between(&stretch, f64::NEG_INFINITY, onset.time + 1e-9));
+        let mut may_clear_up = false;
+        for (k, start) in stretch.iter().enumerate().filter(|(_, s)| s.t >= onset.time && s.t <= alarm.max(onset.time + IMPACT)) {
+            let fresh = stretch.get(k..).filter(|fresh| fresh.len() >= 4).unwrap_or_default();
             let previous = k.checked_sub(1).and_then(|k| stretch.get(k)).map_or(start.t, |s| s.t);
-            if let Some(hidden) = changes(place, before.as_ref(), &after, previous.min(onset.time), start.t) {
-                self.tied |= hidden || after.hidden;
-                return self.begin(start.t);
+            for after in MODES.into_iter().filter_map(|mode| place.explain(mode, fresh, Side::After)).filter(is_accepted) {
+                let Some(hidden) = changes(place, before.as_ref(), &after, previous.min(onset.time), start.t) else { continue };
+                if after.onset.sd < strength / TELLING {
+                    self.tied |= hidden || after.hidden;
+                    return self.begin(start.t);
+                }
+                may_clear_up = true;
             }
         }
-        let since = between(&stretch, onset.time, f64::INFINITY);
-        let clear = MODES.iter().filter_map(|mode| place.explain(*mode, since, Side::After)).all(|e| e.onset.sd < strength / TELLING);
         let waited = last.t - alarm;
-        if is_last || waited >= PATIENCE.1 || (waited >= PATIENCE.0 && clear) {
-            // An impact so late that nothing shows what came of it.
-            let excused = is_last
-                && last.t - onset.time < PATIENCE.0
-                && before
-                    .as_ref()
-                    .and_then(|b| strikes(place, b, &(onset.acceleration * (last.t - onset.time)), onset.time, last.t))
-                    .is_some();
-            if excused {
-                self.tied = true;
-                return;
-            }
-            self.log_odds = onset.log_odds;
-            let from = since.first().map_or(last.position, |s| s.position);
-            self.act(strength, onset.time, from, ledger);
+        if !is_last && (waited < PATIENCE || (may_clear_up && waited < CALM.1)) {
+            return;
         }
+        // An impact so late that nothing shows what came of it.
+        let impulse = onset.acceleration * (last.t - onset.time);
+        let struck = |b: &Explanation| strikes(place, b, &impulse, onset.time, last.t).is_some();
+        if is_last && (may_clear_up || (last.t - onset.time < PATIENCE && before.as_ref().is_some_and(struck))) {
+            self.tied = true;
+            return;
+        }
+        if let Some(before) = &before {
+            self.log_odds = before.onset.log_odds;
+            ledger.intervals.assess(self.probability(false));
+        }
+        // With all samples since, it is known better.
+        let again = best(place, &stretch).map(|e| e.onset).filter(|o| onset.chi2.is_finite() && Allowance::is_exceeded(allowance, o.chi2));
+        let onset = again.unwrap_or(onset);
+        let strength = onset.acceleration.norm();
+        self.log_odds = onset.log_odds;
+        // What would not have shown in so short a rest was not over.
+        let rested = before.as_ref().is_some_and(|b| b.onset.sd < strength / TELLING);
+        let since = if self.returned && !rested { ledger.intervals.since() } else { f64::INFINITY };
+        // The onset is the last sample without it, unless there is none.
+        let without = stretch.first().is_some_and(|first| first.t < onset.time);
+        let at = if without { onset.time + 1e-6 } else { onset.time }.min(since);
+        let from = between(&stretch, at, f64::INFINITY).first().map_or(last.position, |s| s.position);
+        self.act(strength, at, from, ledger);
     }
 
     fn act(&mut self, strength: f64, at: f64, from: Vec3, ledger: &mut Ledger) {
         self.phase = Phase::Active(strength, from);
-        self.tied = false;
+        (self.tied, self.returned) = (false, false);
         self.log_odds = self.log_odds.max(0.0);
-        // The onset is the last sample without it.
-        ledger.intervals.turn(at + 1e-6, true, self.probability(true), ledger.ids, ledger.told);
+        ledger.intervals.turn(at, true, self.probability(true), ledger.ids, ledger.told);
     }
 
     /// Whether a passive motion explains the newest samples: as many as it takes to see a force as strong as there was.
@@ -257,7 +273,7 @@ impl Decision {
         let boundary = ended.map_or(first.t, |e| e.onset.time.min(first.t));
         self.phase = Phase::Passive;
         self.begin(first.t);
-        (self.tied, self.log_odds) = (found.hidden, found.onset.log_odds);
+        (self.tied, self.returned, self.log_odds) = (found.hidden, true, found.onset.log_odds);
         ledger.intervals.turn(boundary, false, self.probability(false), ledger.ids, ledger.told);
     }
 }
@@ -282,8 +298,8 @@ fn changes(place: &Circumstances, before: Option<&Explanation>, after: &Explanat
     let spread = |e: &Explanation| e.flight.covariance.fixed_view::<3, 3>(3, 3).trace();
     let sd = sqrt(spread(before) + spread(after));
     if (is - was).norm() < SAME_VELOCITY + 4.0 * sd {
-        // It rolls off, comes to rest, slides no more.
-        return Some(after.hidden);
+        // It rolls off, comes to rest, slides no more; but what falls goes on falling.
+        return (before.mode == Mode::Carried || after.mode == Mode::Carried).then_some(after.hidden);
     }
     strikes(place, before, &(is - was), from, to)
 }

@@ -77,6 +77,11 @@ impl Intervals {
         self.tell(false, ids, told);
     }
 
+    /// What is known of the present interval, before it ends.
+    pub fn assess(&mut self, probability: f64) {
+        self.probability = probability;
+    }
+
     /// What is known of the present interval, told again now and then.
     pub fn go_on(&mut self, probability: f64, ids: &mut u32, told: &mut Told) {
         self.probability = probability;

@@ -131,6 +131,12 @@ impl<'a> Circumstances<'a> {
         Some(Explanation { mode: Mode::Carried, flight, onset, hidden: known.is_none() && self.law != LawName::ConstantVelocity })
     }
 
+    /// When what no passive motion explains any more ceased to be carried.
+    pub fn lifted(&self, samples: &[Sample]) -> Option<Onset> {
+        let exact = Mat3::from_diagonal_element(EXACT * EXACT);
+        onset(&fit(samples, &exact)?, &FreeFall, samples, Side::After)
+    }
+
     /// Slowed down by friction, and by no more than it can.
     fn rubbed(&self, samples: &[Sample], normal: &Vec3, exact: &Mat3) -> Option<Flight> {
         let (velocity, _) = mean_velocity(samples);

@@ -82,7 +82,7 @@ pub fn measurement(t: f64, center: Vec3, covariance: Option<Mat3>) -> Measuremen
 
 /// What a stream of one position an instant tells.
 pub fn events(config: &Config, positions: &[Measurement]) -> Vec<Event> {
-    let mut engine = Engine::new(config, None).expect("valid");
+    let mut engine = Engine::for_positions(config).expect("valid");
     let mut events = Vec::new();
     for m in positions {
         engine.positions(m.time_ns, &[*m], &mut |e| events.push(e));
