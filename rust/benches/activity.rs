@@ -31,8 +31,15 @@ fn calibrate(tracks: u64) {
     let law = FreeFallWithDrag::of(&ObjectConfig::default(), &LawsConfig::default(), 0.033);
     let gravity = Gravity::known(Vec3::new(0.0, 0.0, -9.81));
     let around = Surroundings { law: &law, gravity: &gravity, duration: 0.0045, normal_at: &|_| None };
-    let place =
-        Circumstances { around: &around, law: LawName::FreeFall, nearest: &|_| None, closed: true, radius: 0.033, any_shape: false };
+    let place = Circumstances {
+        around: &around,
+        law: LawName::FreeFall,
+        nearest: &|_| None,
+        closed: true,
+        radius: 0.033,
+        any_shape: false,
+        untold: None,
+    };
     let largest = |seed: u64| {
         let samples = Throw::new(seed).samples(20, None);
         let ratio = |n: usize| place.explain(Mode::Falling, &samples[..n], Side::After).map_or(0.0, |e| e.onset.chi2);

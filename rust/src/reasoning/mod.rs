@@ -245,7 +245,7 @@ impl Reasoning {
             if let Some(track) = tracks.iter_mut().find(|t| t.id == id) {
                 f(track, noise, &around, &mut findings);
                 let nearest = |p: &Vec3| surfaces.environment().nearest(p).map(|(distance, normal, _)| (distance, normal));
-                let place = Circumstances::new(config, &around, &nearest, radius);
+                let place = Circumstances::new(config, &around, &nearest, radius, track.untold.then(|| noise.parts()));
                 if let Some((activity, samples)) = track.activity() {
                     activity.push(samples, &findings, &place, last_activity, &mut told);
                     if is_last {

@@ -10,7 +10,6 @@ use crate::physics::inconsistency::Inconsistency;
 use crate::physics::law::FreeFallWithDrag;
 use crate::physics::{between, paper};
 use crate::scene::plane::Patch;
-use crate::track::object::Track;
 
 /// A flight tells of the tracker's noise from this long after its beginning, s.
 const SETTLED: f64 = 0.1;
@@ -76,11 +75,14 @@ impl Reasoning {
 
     /// A flight is over: what it says of gravity and of the noise.
     pub(super) fn learn(&mut self, id: u32, law: FreeFallWithDrag, flight: &Flight, since: f64, until: f64, sink: &mut dyn FnMut(Event)) {
-        let passive = |t: &&Track| t.activity.as_ref().is_none_or(|activity| activity.is_passive(since, until));
-        let Some(track) = self.tracks.iter().find(|t| t.id == id).filter(passive) else { return };
+        let Some(track) = self.tracks.iter().find(|t| t.id == id) else { return };
         let samples = between(track.samples(), since, until);
         // Just after an impact a ball swings.
         self.noise.learn(flight, &law, between(samples, since + SETTLED, until));
+        // A force of its own is not gravity.
+        if track.activity.as_ref().is_some_and(|activity| !activity.is_passive(since, until)) {
+            return;
+        }
         let Some((information, vector)) = flight.gravity_information(&law, samples) else { return };
         let (information, vector) = (information / flight.excess(), vector / flight.excess());
         // A throw, a catch or a piece of one frame may pass for a flight; gravity does not change.

@@ -7,7 +7,7 @@ use crate::physics::law::FreeFall;
 use crate::physics::onset::{LONGEST, Onset, Side};
 use crate::physics::sequential::Allowance;
 use crate::physics::{Sample, between};
-use crate::track::hypothesis::{LONGEST_BRIDGE, limit};
+use crate::track::hypothesis::{LONGEST_BRIDGE, SWING, limit};
 use crate::track::interval::{Intervals, Told};
 use crate::track::passive::{Circumstances, Explanation, MODES, Mode};
 
@@ -111,7 +111,8 @@ impl Decision {
             None if place.closed => self.act((after - before).norm() / IMPACT, contact.time, contact.center, ledger),
             touched => {
                 self.tied |= touched != Some(false);
-                self.begin(contact.time + duration);
+                // A real ball swings for a while.
+                self.begin(contact.time + duration + SWING.1);
             }
         }
     }
@@ -145,7 +146,12 @@ impl Decision {
 
     fn probability(&self, active: bool) -> f64 {
         let p = 1.0 / (1.0 + exp(-self.log_odds));
-        if self.tied && !active { p.max(0.5) } else { p }
+        match (active, self.tied) {
+            (true, _) => p,
+            // As long as the test has not decided otherwise.
+            (false, false) => p.min(0.5),
+            (false, true) => 0.5,
+        }
     }
 
     /// The samples of the present passive motion.
@@ -255,7 +261,7 @@ impl Decision {
     fn look_for_calm(&mut self, samples: &[Sample], place: &Circumstances, strength: f64, from: &Vec3, ledger: &mut Ledger) {
         let since = between(samples, self.since.max(ledger.intervals.since()), f64::INFINITY);
         let Some(last) = since.last() else { return };
-        let sd = sqrt(3.0 / last.weight.trace());
+        let sd = place.sd(since.get(since.len().saturating_sub(LONGEST)..).unwrap_or(since));
         let enough = |k: &usize| {
             let (count, span) = (since.len() - k, since.get(*k).map_or(0.0, |s| last.t - s.t));
             let known = sd * sqrt(720.0 / count as f64) / (span * span).max(1e-9);

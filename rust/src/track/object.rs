@@ -61,6 +61,8 @@ pub struct Track {
     watch: Watch,
     /// Of an object that may have a motor.
     pub activity: Option<Activity>,
+    /// Its positions come without covariance.
+    pub untold: bool,
 }
 
 impl Track {
@@ -84,6 +86,7 @@ impl Track {
             window: Window::default(),
             watch,
             activity: None,
+            untold: false,
         }
     }
 
@@ -115,6 +118,7 @@ impl Track {
         self.hints.clear();
         let weight = measured.covariance.and_then(Mat3::try_inverse);
         let known = weight.unwrap_or_else(|| Mat3::from_diagonal_element(1.0 / (noise.sd() * noise.sd())));
+        self.untold = weight.is_none();
         if weight.is_none() {
             self.window.reweigh(noise.sd());
         }

@@ -12,6 +12,10 @@ use heapless::Vec;
 
 /// A drag coefficient is known to this part: tennis balls were measured at 0.507 ± 0.024 and at 0.55.
 const DRAG_SD: f64 = 0.1;
+/// How far up may be off, rad (standard deviation): where somebody levelled a camera or a floor.
+const LEVEL_SD: f64 = 0.5_f64.to_radians();
+/// What is off slowly in a tracker's positions (a marker on a ball that spins, axes that lean) stays alike for so long, s.
+const SLOWLY: f64 = 0.1;
 /// Friction reaches μ g, with μ of rubber on a dry floor.
 const FRICTION: f64 = 1.0;
 /// Deceleration of what rolls or slides, m/s² (standard deviation).
@@ -44,6 +48,8 @@ pub struct Circumstances<'a> {
     pub radius: f64,
     /// It may be of any shape, its reference point anywhere within.
     pub any_shape: bool,
+    /// Where positions come without covariance: standard deviations of what changes from one to the next and of what does so slowly, m.
+    pub untold: Option<(f64, f64)>,
 }
 
 /// A kind of passive motion.
@@ -73,14 +79,22 @@ pub struct Explanation {
 
 impl<'a> Circumstances<'a> {
     /// As configured, for an object of `radius` (m).
-    pub fn new(config: &Config, around: &'a Surroundings<'a>, nearest: &'a dyn Fn(&Vec3) -> Option<(f64, Vec3)>, radius: f64) -> Self {
+    pub fn new(
+        config: &Config,
+        around: &'a Surroundings<'a>,
+        nearest: &'a dyn Fn(&Vec3) -> Option<(f64, Vec3)>,
+        radius: f64,
+        untold: Option<(f64, f64)>,
+    ) -> Self {
         let (closed, any_shape) = (config.assume.scene == SceneAssumption::Known, config.object.shape == Shape::Any);
-        Self { around, law: config.laws.law, nearest, closed, radius, any_shape }
+        Self { around, law: config.laws.law, nearest, closed, radius, any_shape, untold }
     }
 
     /// The samples as a motion of this kind, whether or not they agree; `None` where it isn't possible there, or can't be told.
     pub fn explain(&self, mode: Mode, samples: &[Sample], side: Side) -> Option<Explanation> {
         let samples = samples.get(samples.len().saturating_sub(LONGEST)..).filter(|s| s.len() >= 3)?;
+        let weighed = self.weighed(samples);
+        let samples = weighed.as_slice();
         match mode {
             Mode::Falling if self.law == LawName::ConstantVelocity => None,
             Mode::Falling => {
@@ -92,12 +106,28 @@ impl<'a> Circumstances<'a> {
         }
     }
 
-    /// Gravity as it is known, and what is unknown of drag.
+    /// Standard deviation of samples, m an axis, as if their errors had nothing to do with each other.
+    pub fn sd(&self, samples: &[Sample]) -> f64 {
+        let (Some((white, slow)), [first, .., last]) = (self.untold, samples) else {
+            return samples.last().map_or(f64::INFINITY, |s| sqrt(3.0 / s.weight.trace()));
+        };
+        let rate = (samples.len() - 1) as f64 / (last.t - first.t);
+        sqrt(white * white + slow * slow * (SLOWLY * rate).max(1.0))
+    }
+
+    fn weighed(&self, samples: &[Sample]) -> Vec<Sample, LONGEST> {
+        let sd = self.sd(samples);
+        let weight = |s: &Sample| if self.untold.is_some() { Mat3::from_diagonal_element(1.0 / (sd * sd)) } else { s.weight };
+        samples.iter().map(|s| Sample { weight: weight(s), ..*s }).collect()
+    }
+
+    /// Gravity as it is known, and what is unknown of it and of drag.
     fn fall(&self, samples: &[Sample]) -> Gravity {
         let (mean, covariance) = self.around.gravity.estimate();
         let (velocity, at) = mean_velocity(samples);
         let drag = self.around.law.acceleration(&Vec3::zeros(), at.t, &at.position, &velocity).norm();
-        let spread = covariance + Mat3::from_diagonal_element(EXACT * EXACT + DRAG_SD * DRAG_SD * drag * drag);
+        let (leaning, slowed) = (LEVEL_SD * mean.norm(), DRAG_SD * drag);
+        let spread = covariance + Mat3::from_diagonal_element(leaning * leaning + slowed * slowed);
         Gravity { mean, information: spread.try_inverse().unwrap_or_else(Mat3::zeros), size: None }
     }
 
