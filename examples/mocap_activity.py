@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -51,27 +50,25 @@ def labels(t: NDArray[np.float64], p: NDArray[np.float64]) -> NDArray[np.int8]:
     return found
 
 
-def intervals(recording: Recording, config: physinc.Config) -> dict[int, list[physinc.Activity]]:
-    """Final activities by the marker's trajectory: one is streamed at a time, so that its track is its own."""
-    found: dict[int, list[physinc.Activity]] = {}
-    for track, samples in groupby(sorted(recording.samples, key=lambda s: (s.track, s.frame)), key=lambda s: s.track):
-        stamps = [(round(s.frame * 1e9 / recording.frequency), s.center) for s in samples]
-        events = physinc.stream([physinc.Position(stamp, center, track=track) for stamp, center in stamps], config=config)
-        found[track] = [event for event in events if isinstance(event, physinc.Activity) and event.final]
-    return found
-
-
 def confusion(recording: Recording, config: physinc.Config) -> NDArray[np.int64]:
     """Frames by label (rows: flying, held) and by what was told (columns: passive, active)."""
-    told = intervals(recording, config)
+    spans: dict[int | None, list[physinc.Activity]] = {}
+    stamps: dict[int | None, list[int]] = {}
+    centers: dict[int | None, list[NDArray[np.float64]]] = {}
+    for event in physinc.stream(recording.positions(), config=config, positions=True):
+        match event:
+            case physinc.Activity(final=True):
+                spans.setdefault(event.track, []).append(event)
+            case physinc.Position():
+                stamps.setdefault(event.track, []).append(event.timestamp_ns)
+                centers.setdefault(event.track, []).append(event.center)
     table = np.zeros((2, 2), np.int64)
-    for track, samples in groupby(sorted(recording.samples, key=lambda s: (s.track, s.frame)), key=lambda s: s.track):
-        frames, centers = (np.array(column) for column in zip(*((s.frame, s.center) for s in samples), strict=True))
-        stamps = np.round(frames * 1e9 / recording.frequency).astype(np.int64)
-        active = np.zeros(len(stamps), np.int8)
-        for interval in told[track]:
-            active[(stamps >= interval.start_ns) & (stamps <= interval.end_ns)] = interval.active
-        label = labels(frames / recording.frequency, centers)
+    for track, times in stamps.items():
+        stamp = np.array(times)
+        active = np.zeros(len(stamp), np.int64)
+        for span in spans[track]:
+            active[(stamp >= span.start_ns) & (stamp <= span.end_ns)] = span.active
+        label = labels(stamp * 1e-9, np.array(centers[track]))
         for row in (0, 1):
             table[row] += np.bincount(active[label == row], minlength=2)
     return table

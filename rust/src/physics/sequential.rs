@@ -27,7 +27,7 @@ impl Allowance {
     }
 
     /// What the next test may spend.
-    pub fn next(&mut self) -> f64 {
+    pub fn spend(&mut self) -> f64 {
         self.tests += 1.0;
         let part = if self.tests <= FIRST { SHARE / FIRST } else { (1.0 - SHARE) / (TAIL * self.tests * self.tests) };
         self.false_alarm * part
@@ -46,8 +46,8 @@ mod tests {
     #[test]
     fn a_track_spends_its_allowance_once_and_most_of_it_early() {
         let mut allowance = Allowance::new(1e-3);
-        let early: f64 = (0..20).map(|_| allowance.next()).sum();
-        let late: f64 = (20..200_000).map(|_| allowance.next()).sum();
+        let early: f64 = (0..20).map(|_| allowance.spend()).sum();
+        let late: f64 = (20..200_000).map(|_| allowance.spend()).sum();
         assert!((early - 0.9e-3).abs() < 1e-12 && (0.0999e-3..=0.1e-3).contains(&late), "{early} {late}");
     }
 }

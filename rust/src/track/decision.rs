@@ -1,6 +1,7 @@
 //! Active or passive by a sequential test: an onset that no passive motion explains, in spite of all that may have happened there, is one of a
 //! force of the object's own; it lasts until a passive motion explains the newest samples again.
 
+use crate::config::LawName;
 use crate::math::{Vec3, exp, sqrt};
 use crate::physics::contact::Contact;
 use crate::physics::law::FreeFall;
@@ -164,7 +165,7 @@ impl Decision {
     fn watch(&mut self, samples: &[Sample], place: &Circumstances) {
         let stretch = self.stretch(samples, None);
         let Some((first, last)) = stretch.first().zip(stretch.last()).filter(|_| stretch.len() >= 3) else { return };
-        let allowance = self.allowance.next();
+        let allowance = self.allowance.spend();
         let (mut best, mut exceeded) = (None::<Explanation>, None::<Onset>);
         for (mode, ruled_out) in MODES.into_iter().zip(&mut self.ruled_out) {
             let Some(explained) = place.explain(mode, &stretch, Side::After).filter(|_| ruled_out.is_none()) else { continue };
@@ -271,7 +272,8 @@ impl Decision {
         let calm = since.get(start..).unwrap_or_default();
         let (Some(first), Some(found)) = (calm.first(), best(place, calm).filter(is_accepted)) else { return };
         let up = -place.around.gravity.mean.try_normalize(1e-9).unwrap_or_else(Vec3::zeros);
-        if found.hidden && (first.position - from).dot(&up) > RISEN {
+        // Who has shown a force of his own may not be held up by luck: not where objects should fall, nor above where he was.
+        if found.hidden && (place.law == LawName::FreeFall || (first.position - from).dot(&up) > RISEN) {
             return;
         }
         let wide = between(since, first.t - LOOK_BACK, f64::INFINITY);

@@ -124,7 +124,7 @@ mod tests {
         // Before the present interval began nothing can be turned any more: it is itself what is meant.
         intervals.turn(0.4, false, 0.1, &mut ids, &mut told);
         intervals.tell(true, &mut ids, &mut told);
-        let finals: std::vec::Vec<_> = told.iter().filter(|(_, last)| *last).map(|(a, _)| (a.id, a.start_ns, a.end_ns, a.active)).collect();
+        let finals: Vec<_, TOLD> = told.iter().filter(|(_, last)| *last).map(|(a, _)| (a.id, a.start_ns, a.end_ns, a.active)).collect();
         assert!(finals.len() == 2 && finals[0].1 == 0 && finals[1].2 == 299 && finals[0].2 + 1 == finals[1].1, "{finals:?}");
         assert!((148..=153).contains(&finals[1].1) && !finals[1].3 && finals[0].0 != finals[1].0, "{finals:?}");
     }
