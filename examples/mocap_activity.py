@@ -1,10 +1,11 @@
-"""Who moves a ball: gravity, or a hand or a machine that holds it? Motion capture of thrown balls (Qualisys exports, as in `mocap_bounces.py`).
+"""Who moves a ball: gravity, or a hand or machine that holds it? Motion capture of thrown balls (Qualisys exports).
 
     python examples/mocap_activity.py FILE... [--law free_fall|auto]
 
-The floor z = 0 is known to be all there is, so what moves otherwise than falling, bouncing or rolling there is active. Labels come from second
-differences over 0.1 s alone: a frame flies if its acceleration is within 1.5 m/s² of gravity, is held if it is off by more than 4 m/s² (both through the
-whole 0.1 s around it), and counts for neither in between, within 0.15 m of the floor (bounces), or beside a gap.
+The floor z = 0 is known to be all there is, so what moves otherwise than falling, bouncing or rolling there is active. Labels come
+from second differences over 0.1 s alone: a frame flies if its acceleration is within 1.5 m/s² of gravity, is held if it is off by more
+than 4 m/s² (both through the whole 0.1 s around it), and counts for neither in between, within 0.15 m of the floor (bounces), or beside
+a gap.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ use heapless::Vec;
 
 /// A drag coefficient is known to this part: tennis balls were measured at 0.507 ± 0.024 and at 0.55.
 const DRAG_SD: f64 = 0.1;
-/// How far up may be off, rad (standard deviation): where somebody levelled a camera or a floor.
+/// How far up may be off, rad (standard deviation), in the axes of a tracker that tells no covariance: somebody levelled them.
 const LEVEL_SD: f64 = 0.5_f64.to_radians();
 /// What is off slowly in a tracker's positions (a marker on a ball that spins, axes that lean) stays alike for so long, s.
 const SLOWLY: f64 = 0.1;
@@ -126,7 +126,8 @@ impl<'a> Circumstances<'a> {
         let (mean, covariance) = self.around.gravity.estimate();
         let (velocity, at) = mean_velocity(samples);
         let drag = self.around.law.acceleration(&Vec3::zeros(), at.t, &at.position, &velocity).norm();
-        let (leaning, slowed) = (LEVEL_SD * mean.norm(), DRAG_SD * drag);
+        let leaning = self.untold.map_or(EXACT, |_| LEVEL_SD * mean.norm());
+        let slowed = DRAG_SD * drag;
         let spread = covariance + Mat3::from_diagonal_element(leaning * leaning + slowed * slowed);
         Gravity { mean, information: spread.try_inverse().unwrap_or_else(Mat3::zeros), size: None }
     }
