@@ -11,7 +11,7 @@ const TAIL: f64 = 0.048_771;
 /// The largest of the ratios over all onsets exceeds a value this many times as often as one of them does, where a test comes with each
 /// new measurement and what the last ones exceeded counts once. A property of white Gaussian noise, simulated by
 /// `cargo bench --bench activity -- calibrate` (seeds 0 to 199,999; judged on others).
-pub const MULTIPLICITY: f64 = 2.15;
+pub const MULTIPLICITY: f64 = 2.4;
 
 /// Spends a stated probability of false alarm over the tests of a track.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -121,13 +121,12 @@ impl<'a> Circumstances<'a> {
         samples.iter().map(|s| Sample { weight: weight(s), ..*s }).collect()
     }
 
-    /// Gravity as it is known, and what is unknown of it and of drag.
+    /// Gravity as it is known. Where nobody told how good positions are, neither are axes and drag taken at their word.
     fn fall(&self, samples: &[Sample]) -> Gravity {
         let (mean, covariance) = self.around.gravity.estimate();
         let (velocity, at) = mean_velocity(samples);
         let drag = self.around.law.acceleration(&Vec3::zeros(), at.t, &at.position, &velocity).norm();
-        let leaning = self.untold.map_or(EXACT, |_| LEVEL_SD * mean.norm());
-        let slowed = DRAG_SD * drag;
+        let (leaning, slowed) = self.untold.map_or((EXACT, 0.0), |_| (LEVEL_SD * mean.norm(), DRAG_SD * drag));
         let spread = covariance + Mat3::from_diagonal_element(leaning * leaning + slowed * slowed);
         Gravity { mean, information: spread.try_inverse().unwrap_or_else(Mat3::zeros), size: None }
     }
