@@ -20,6 +20,8 @@ const CALM: (f64, f64, usize) = (0.2, 0.8, 5);
 const TELLING: f64 = 6.0;
 /// What a true explanation does not exceed but once in a hundred: a χ² of 3 degrees of freedom.
 const ACCEPTED: f64 = 11.34;
+/// χ² beyond which one sample alone is no noise.
+const WILD: f64 = 60.0;
 /// Whatever happens faster than this, s, is an impact.
 const IMPACT: f64 = 0.1;
 /// Velocities this much apart may be one, m/s.
@@ -192,8 +194,11 @@ impl Decision {
     /// What explains the doubt? A wild sample, an impact, another passive motion; or a force of its own.
     fn resolve(&mut self, samples: &[Sample], place: &Circumstances, is_last: bool, ledger: &mut Ledger) {
         let (Phase::Doubtful(onset, alarm, allowance), Some(last)) = (self.phase, samples.last().copied()) else { return };
-        let later = between(samples, alarm, f64::INFINITY).len();
-        for wild in [None, Some(alarm)].into_iter().take(if later > 2 { 2 } else { 1 }) {
+        // A wild sample is one that motions through the others don't miss: gone already, or too far off to be noise.
+        let later = between(samples, alarm, f64::INFINITY);
+        let gone = later.first().is_none_or(|s| s.t > alarm);
+        if gone || (later.len() > 2 && onset.chi2 > WILD) {
+            let wild = Some(alarm);
             let stretch = self.stretch(samples, wild);
             let holds = |mode| place.explain(mode, &stretch, Side::After).is_some_and(|e| !Allowance::is_exceeded(allowance, e.onset.chi2));
             let held = MODES.map(holds);
@@ -201,7 +206,7 @@ impl Decision {
                 for (ruled_out, holds) in self.ruled_out.iter_mut().zip(held) {
                     *ruled_out = ruled_out.filter(|_| !holds);
                 }
-                (self.phase, self.wild) = (Phase::Passive, wild.or(self.wild));
+                (self.phase, self.wild) = (Phase::Passive, wild);
                 return;
             }
         }
