@@ -70,7 +70,7 @@ class LawsConfig:
     gravity: Vector = (0.0, 0.0, -9.81)
     """Gravity in the world, m/s²."""
     law: Literal["free_fall", "constant_velocity", "auto"] = "free_fall"
-    """The law of motion; only `free_fall` in this version."""
+    """The law of motion: falling through air, constant velocity on a horizontal plane, or what the evidence tells."""
     drag: bool = True
     """Air drag acts."""
     magnus: bool = False
@@ -105,7 +105,7 @@ class AssumeConfig:
     scene: Literal["known", "unknown"] = "unknown"
     """Whether the environment is all there is."""
     objects: Literal["passive", "unknown"] = "passive"
-    """Whether objects may have a motor; `unknown` is not in this version."""
+    """Whether objects may have a motor: `unknown` tells `activity`."""
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ class Progress:
 
 
 class Narration:
-    """Prints bounces as they are told, and at the end the surfaces and a line of counters."""
+    """Prints bounces and what becomes active as they are told, and at the end the surfaces and a line of counters."""
 
     def __init__(self, console: Console | None = None) -> None:
         self.console = console or Plain(highlight=False, soft_wrap=True)
@@ -69,6 +69,7 @@ class Narration:
         self.restitutions: list[tuple[int, float]] = []
         self.orientation: p.CameraOrientation | None = None
         self.bounces = self.lost = 0
+        self.active: dict[int | None, bool] = {}
         self.ended: p.StreamEnded | None = None
 
     def tell(self, event: Event) -> None:
@@ -90,10 +91,19 @@ class Narration:
                 self.surfaces[event.id] = event
             case p.CameraOrientation():
                 self.orientation = event
+            case p.Activity():
+                self._activity(event)
             case p.StreamEnded():
                 self.ended = event
             case _:
                 self._warn(event)
+
+    def _activity(self, event: p.Activity) -> None:
+        """Print that an object became active or passive: of its intervals, only what changes."""
+        if self.active.get(event.track, False) != event.active:
+            self.active[event.track] = event.active
+            what = f"[bold]object {event.track} is {'active' if event.active else 'passive'}[/]"
+            self._line(event.start_ns, f"{what} (p = {event.probability if event.active else 1 - event.probability:.3f})")
 
     def _warn(self, event: Event) -> None:
         """Print what is wrong with device or camera."""

@@ -414,9 +414,12 @@ impl Config {
     fn refuse_what_is_to_come(&self) -> Result<(), ConfigError> {
         let to_come = [
             (self.object.shape == Shape::Any, "object.shape", "\"sphere\", the only shape in this version"),
-            (self.laws.law != LawName::FreeFall, "laws.law", "\"free_fall\", the only law in this version"),
             (self.laws.magnus, "laws.magnus", "false: this version has no Magnus force"),
-            (self.assume.objects == ObjectsAssumption::Unknown, "assume.objects", "\"passive\": this version has no objects with a motor"),
+            (
+                self.assume.objects == ObjectsAssumption::Unknown && self.assume.camera.is_some_and(CameraAssumption::moves),
+                "assume.objects",
+                "\"passive\" where the camera moves: which of the two accelerates, physics does not tell",
+            ),
         ];
         match to_come.into_iter().find(|(asked, ..)| *asked) {
             Some((_, key, expected)) => Err(ConfigError { key, value: f64::NAN, expected }),

@@ -167,9 +167,8 @@ mod tests {
     fn what_is_to_come_is_refused() {
         for (text, key) in [
             ("[object]\nshape = \"any\"", "object.shape"),
-            ("[laws]\nlaw = \"auto\"", "laws.law"),
             ("[laws]\nmagnus = true", "laws.magnus"),
-            ("[assume]\nobjects = \"unknown\"", "assume.objects"),
+            ("[assume]\nobjects = \"unknown\"\ncamera = \"moving\"", "assume.objects"),
         ] {
             assert!(message(text).contains(key), "{text}: {}", message(text));
         }

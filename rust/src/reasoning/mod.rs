@@ -5,7 +5,7 @@ mod telling;
 
 pub use predictor::Predictor;
 
-use crate::config::{CameraAssumption, Config, SceneAssumption};
+use crate::config::{CameraAssumption, Config, ObjectsAssumption, SceneAssumption};
 use crate::event::{self, Event, TrackReason};
 use crate::geometry::camera::{Camera, Pose};
 use crate::geometry::environment::Environment;
@@ -19,11 +19,14 @@ use crate::scene::level::Level;
 use crate::scene::plane::Up;
 use crate::scene::surfaces::Surfaces;
 use crate::track::Measurement;
+use crate::track::activity::Activity;
 use crate::track::association::{MEASUREMENTS, Sight, TRACKS, associate};
 use crate::track::hypothesis::Surroundings;
+use crate::track::interval::Told;
 use crate::track::motion::{Finding, Findings};
 use crate::track::noise::Noise;
 use crate::track::object::{Track, Watch};
+use crate::track::passive::Circumstances;
 use heapless::Vec;
 
 /// An object unseen for this long is lost, s: the longest gap that may hide a contact, and what it takes to see that it doesn't.
@@ -61,6 +64,7 @@ pub struct Reasoning {
     last_contact: u32,
     last_orientation: u32,
     last_motion: u32,
+    last_activity: u32,
     homeless: u64,
 }
 
@@ -90,6 +94,7 @@ impl Reasoning {
             last_contact: 0,
             last_orientation: 0,
             last_motion: 0,
+            last_activity: 0,
             homeless: 0,
         }
     }
@@ -135,7 +140,7 @@ impl Reasoning {
         }
         let ids: Vec<u32, TRACKS> = self.tracks.iter().map(|t| t.id).collect();
         for id in ids {
-            self.with_track(id, sink, |track, _, around, findings| track.tick(track.seconds(timestamp_ns), around, findings));
+            self.with_track(id, sink, false, |track, _, around, findings| track.tick(track.seconds(timestamp_ns), around, findings));
             if self.camera.is_some() {
                 self.look_after(id, timestamp_ns, excused.contains(&id), sink);
             }
@@ -220,7 +225,8 @@ impl Reasoning {
         }
         self.last_track += 1;
         let id = self.last_track;
-        let track = Track::new(id, m, Watch::new(&self.config.laws, self.motion.is_some()));
+        let mut track = Track::new(id, m, Watch::new(&self.config.laws, self.motion.is_some()));
+        track.activity = (self.config.assume.objects == ObjectsAssumption::Unknown).then(|| Activity::new(&self.config.laws));
         self.emit(Some(id), true, event::TrackStarted { reason: TrackReason::Appeared }, sink);
         let _ = self.tracks.push(track);
         Some(id)
@@ -242,22 +248,46 @@ impl Reasoning {
             motion.begin(self.now, frame, self.structure);
             motion.see(id, m.time_ns, m.center, weight);
         }
-        self.with_track(id, sink, |track, noise, around, findings| track.push(m, noise, around, findings));
+        let now = self.now;
+        if let Some(track) = self.track_mut(id) {
+            let t = track.seconds(m.time_ns);
+            if let Some(activity) = &mut track.activity {
+                activity.frame(t, now);
+            }
+        }
+        self.with_track(id, sink, false, |track, noise, around, findings| track.push(m, noise, around, findings));
     }
 
-    /// Runs `f` on a track in its surroundings, and tells what came to light.
-    fn with_track(&mut self, id: u32, sink: &mut dyn FnMut(Event), f: impl FnOnce(&mut Track, &mut Noise, &Surroundings, &mut Findings)) {
-        let mut findings = Findings::new();
+    /// Runs `f` on a track in its surroundings, for the last time perhaps, and tells what came to light.
+    fn with_track(
+        &mut self,
+        id: u32,
+        sink: &mut dyn FnMut(Event),
+        is_last: bool,
+        f: impl FnOnce(&mut Track, &mut Noise, &Surroundings, &mut Findings),
+    ) {
+        let (mut findings, mut told) = (Findings::new(), Told::new());
         let Some(radius) = self.track(id).map(|t| t.radius) else { return };
         let law = self.law(radius);
         {
-            let Self { tracks, noise, gravity, surfaces, config, .. } = self;
+            let Self { tracks, noise, gravity, surfaces, config, last_activity, .. } = self;
             let duration = config.object.contact_duration;
             let normal_at = |c: &Contact| surfaces.touched(&c.center, &c.center_covariance(), radius).map(|(_, normal)| normal);
             let around = Surroundings { law: &law, gravity, duration, normal_at: &normal_at };
             if let Some(track) = tracks.iter_mut().find(|t| t.id == id) {
                 f(track, noise, &around, &mut findings);
+                let nearest = |p: &Vec3| surfaces.environment().nearest(p).map(|(distance, normal, _)| (distance, normal));
+                let place = Circumstances::new(config, &around, &nearest, radius, track.untold.then(|| noise.parts()));
+                if let Some((activity, samples)) = track.activity() {
+                    activity.push(samples, &findings, &place, last_activity, &mut told);
+                    if is_last {
+                        activity.finish(samples, &place, last_activity, &mut told);
+                    }
+                }
             }
+        }
+        for (activity, is_final) in told {
+            self.emit(Some(id), is_final, activity, sink);
         }
         for finding in findings {
             match finding {
@@ -300,7 +330,7 @@ impl Reasoning {
             (track.last, track.sign) = (last, sign);
         }
         for sample in samples {
-            self.with_track(new, sink, |track, _, around, findings| track.push_sample(sample, around, findings));
+            self.with_track(new, sink, false, |track, _, around, findings| track.push_sample(sample, around, findings));
         }
     }
 
@@ -339,7 +369,7 @@ impl Reasoning {
     }
 
     fn end(&mut self, id: u32, reason: TrackReason, sink: &mut dyn FnMut(Event)) {
-        self.with_track(id, sink, |track, _, around, findings| track.finish(around, findings));
+        self.with_track(id, sink, true, |track, _, around, findings| track.finish(around, findings));
         self.emit(Some(id), true, event::TrackEnded { reason }, sink);
         self.tracks.retain(|t| t.id != id);
     }

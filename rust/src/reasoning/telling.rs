@@ -90,6 +90,10 @@ impl Reasoning {
         let samples = between(track.samples(), since, until);
         // Just after an impact a ball swings.
         self.noise.learn(flight, &law, between(samples, since + SETTLED, until));
+        // A force of its own is not gravity.
+        if track.activity.as_ref().is_some_and(|activity| !activity.is_passive(since, until)) {
+            return;
+        }
         let Some((information, vector)) = flight.gravity_information(&law, samples) else { return };
         self.learn_gravity(&(information / flight.excess()), &(vector / flight.excess()), sink);
     }

@@ -1,14 +1,19 @@
 //! From positions to tracks.
 
+pub mod activity;
 pub mod assignment;
 pub mod association;
+pub mod decision;
 pub mod drift;
 pub mod expectation;
 pub mod hypothesis;
+pub mod interval;
 pub mod motion;
 pub mod noise;
 pub mod object;
 pub mod paper;
+pub mod paper_activity;
+pub mod passive;
 pub mod window;
 
 use crate::math::{Mat3, Vec3};

@@ -72,6 +72,17 @@ impl Noise {
         }
     }
 
+    /// Standard deviations of what changes from sample to sample, and of what flights show beside it, m: it comes and goes slowly.
+    pub fn parts(&self) -> (f64, f64) {
+        if let Some(told) = self.told {
+            return (told, 0.0);
+        }
+        let mut sorted = self.flights.clone();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let white = self.smoothness.max(1e-6);
+        (white, sorted.get(sorted.len() / 2).map_or(CAUTION.1, |variance| sqrt((variance - white * white).max(0.0))))
+    }
+
     /// Standard deviation to weigh with: that of the median flight.
     pub fn sd(&self) -> f64 {
         if let Some(told) = self.told {

@@ -8,6 +8,7 @@ use crate::physics::law::{FreeFall, Law, State};
 use crate::physics::{Sample, between};
 use crate::time::{after, seconds_between};
 use crate::track::Measurement;
+use crate::track::activity::Activity;
 use crate::track::drift::Drift;
 use crate::track::hypothesis::Surroundings;
 use crate::track::motion::{Findings, Motion};
@@ -73,6 +74,10 @@ pub struct Track {
     hints: Vec<Sample, HINTS>,
     window: Window,
     watch: Watch,
+    /// Of an object that may have a motor.
+    pub activity: Option<Activity>,
+    /// Its positions come without covariance.
+    pub untold: bool,
 }
 
 impl Track {
@@ -91,6 +96,8 @@ impl Track {
             hints: Vec::new(),
             window: Window::default(),
             watch,
+            activity: None,
+            untold: false,
         }
     }
 
@@ -109,6 +116,12 @@ impl Track {
         self.window.samples()
     }
 
+    /// Whether it is active, if that is asked, and the recent past.
+    pub fn activity(&mut self) -> Option<(&mut Activity, &[Sample])> {
+        let Self { activity, window, .. } = self;
+        activity.as_mut().map(|activity| (activity, window.samples()))
+    }
+
     /// Takes in a measurement. Where it comes without covariance, `noise` learns from it and tells how good it is.
     pub fn push(&mut self, measured: &Measurement, noise: &mut Noise, around: &Surroundings, findings: &mut Findings) {
         let t = self.seconds(measured.time_ns);
@@ -116,6 +129,7 @@ impl Track {
         self.hints.clear();
         let weight = measured.covariance.and_then(Mat3::try_inverse);
         let known = weight.unwrap_or_else(|| Mat3::from_diagonal_element(1.0 / (noise.sd() * noise.sd())));
+        self.untold = weight.is_none();
         if weight.is_none() {
             self.window.reweigh(noise.sd());
         }
