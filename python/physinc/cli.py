@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,9 +15,13 @@ from ._physinc import open_recording
 from ._physinc import simulate as simulate_scene
 from .device_commands import devices, doctor
 from .errors import ConfigError, DeviceDisconnectedError, DeviceNotFoundError, PhysincError
+from .interrupting import interruptible
 from .level import Level, gravity_of
+from .level_command import level as level_camera
 from .motor_commands import led, tilt
-from .narration import Narration, Progress
+from .narration import Narration, Progress, remark
+from .reproduce_command import reproduce
+from .scale_command import scale
 from .streaming import open_named, path_of
 
 app = App(
@@ -124,16 +127,7 @@ def run(
         tum=tum,
         timeout=timeout,
     )
-    interrupted = False
-
-    def interrupt(*_: Any) -> None:
-        nonlocal interrupted
-        interrupted = True
-        stream.interrupt()
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-    signal.signal(signal.SIGINT, interrupt)
-    try:
+    with interruptible(stream, source) as interruption:
         if json:
             for event in stream:
                 sys.stdout.write(event.to_json() + "\n")
@@ -143,16 +137,7 @@ def run(
             for event in stream:
                 narration.tell(event)
             narration.close(stream.busy)
-    finally:
-        stream.close()
-        remark(source, stream.remarks)
-    return 130 if interrupted else 0
-
-
-def remark(source: str, remarks: list[str]) -> None:
-    """Tell on stderr what the user should know of a source."""
-    for line in remarks:
-        sys.stderr.write(f"physinc: {source}: {line}\n")
+    return 130 if interruption.came else 0
 
 
 @app.command
@@ -207,8 +192,10 @@ def simulate(scene: str, out: Path, /) -> int:
     Parameters
     ----------
     scene
-        bounce (six throws over a floor and a box that the camera can't see), room, two_balls, many, passive_flight, drop or roll,
-        with keys, if any, as in "bounce?seed=3&distance=2".
+        bounce (six throws over a floor and a box that the camera can't see), room, two_balls, many, passive_flight, drop, roll,
+        rotated_camera (rolled by roll_deg), translating_camera (a hand moves it in mid-flight by travel, m), flying_robot or toy_car
+        (one that takes off, flies and lands; one that drives straight on but for a turn; in these three structure=none, floor, wall or
+        both is what else is seen), with keys, if any, as in "bounce?seed=3&distance=2".
     out
         FILE.npz (frames), or FILE.pcapng, also .gz or .zst (a capture of the packets that a Kinect would send). `physinc run OUT` tells
         what happens in it.
@@ -219,7 +206,7 @@ def simulate(scene: str, out: Path, /) -> int:
     return 0
 
 
-for command in (tilt, led, devices, doctor):
+for command in (level_camera, scale, reproduce, tilt, led, devices, doctor):
     app.command(command)
 
 

@@ -100,7 +100,8 @@ class AssumeConfig:
     """`[assume]`: what is taken for granted."""
 
     camera: Literal["static", "tilted", "moving", "unknown"] | None = None
-    """Left out: `static` where `world_from_camera` is given, else `tilted`; the others are not in this version."""
+    """Left out: `static` where `world_from_camera` is given, else `tilted`: fixed, gravity's direction to be found. `moving`: orientation as
+    configured, translation free (`camera_motion`). `unknown`: both free. Where it moves there is no background, and no contact is looked for."""
     scene: Literal["known", "unknown"] = "unknown"
     """Whether the environment is all there is."""
     objects: Literal["passive", "unknown"] = "passive"

@@ -275,6 +275,13 @@ choice! {
     }
 }
 
+impl CameraAssumption {
+    /// Whether the camera's place is free.
+    pub fn moves(self) -> bool {
+        matches!(self, Self::Moving | Self::Unknown)
+    }
+}
+
 /// One radius, or one for each kind of ball, m.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "std", derive(Serialize, Deserialize), serde(untagged, expecting = "expected a number, or a list of up to 4"))]
@@ -409,11 +416,6 @@ impl Config {
             (self.object.shape == Shape::Any, "object.shape", "\"sphere\", the only shape in this version"),
             (self.laws.law != LawName::FreeFall, "laws.law", "\"free_fall\", the only law in this version"),
             (self.laws.magnus, "laws.magnus", "false: this version has no Magnus force"),
-            (
-                matches!(self.assume.camera, Some(CameraAssumption::Moving | CameraAssumption::Unknown)),
-                "assume.camera",
-                "\"static\" or \"tilted\": this version has no moving cameras",
-            ),
             (self.assume.objects == ObjectsAssumption::Unknown, "assume.objects", "\"passive\": this version has no objects with a motor"),
         ];
         match to_come.into_iter().find(|(asked, ..)| *asked) {

@@ -169,7 +169,6 @@ mod tests {
             ("[object]\nshape = \"any\"", "object.shape"),
             ("[laws]\nlaw = \"auto\"", "laws.law"),
             ("[laws]\nmagnus = true", "laws.magnus"),
-            ("[assume]\ncamera = \"moving\"", "assume.camera"),
             ("[assume]\nobjects = \"unknown\"", "assume.objects"),
         ] {
             assert!(message(text).contains(key), "{text}: {}", message(text));

@@ -202,6 +202,7 @@ impl<'b> Engine<'b> {
             })
             .collect();
         tell_gaps(gaps, timestamp_ns, sink);
+        self.reasoning.see_structure(seeing.structure(&pose));
         self.reasoning.push(timestamp_ns, frame, &measured, sink);
         self.attention.saw(timestamp_ns, whole, &detections, self.reasoning.tracks());
         Ok(())
@@ -272,7 +273,13 @@ impl Engine<'static> {
 /// What sees the images of `camera`; with a known scene, before that scene.
 fn see<'b>(config: &Config, camera: &Camera, buffers: Buffers<'b>) -> Result<Seeing<'b>, ConfigError> {
     config.validate()?;
-    let mut seeing = Seeing::new(camera, &config.object, config.tracking.background_frames, buffers)?;
+    let moves = config.camera_assumption(camera.pose.is_some()).moves();
+    // What stands still does so for a camera that does.
+    let background_frames = if moves { 0 } else { config.tracking.background_frames };
+    let mut seeing = Seeing::new(camera, &config.object, background_frames, buffers)?;
+    if moves {
+        seeing.watch_structure();
+    }
     if config.assume.scene == SceneAssumption::Known {
         let expected = "\"unknown\", or a camera whose world_from_camera is told";
         let pose = camera.pose.ok_or(ConfigError { key: "assume.scene", value: f64::NAN, expected })?;

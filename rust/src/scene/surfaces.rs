@@ -137,13 +137,13 @@ impl Surfaces {
         let present = self.patches[index].1;
         let best = {
             let patch = &self.patches[index].0;
-            let own = Plane::fit(core::iter::once(patch), Some(up)).filter(|p| p.level);
-            let worst = own.map_or(GATE, |p| GATE.min(p.chi2 + ONE_MORE));
             let alone = present.is_some_and(|id| self.patches.iter().filter(|p| p.1 == Some(id)).count() == 1);
             // A plane that rests on this patch alone agrees with it: what counts is whether another does.
             let others = self.found.iter().filter(|f| f.merged_into.is_none() && !(alone && present == Some(f.id)));
             let scored = others.map(|f| (f.plane.disagreement(patch), f.id));
-            scored.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|(chi2, _)| *chi2 < worst).map(|(_, id)| id)
+            let own = || Plane::fit(core::iter::once(patch), Some(up)).filter(|p| p.level);
+            let near = |chi2: f64| chi2 < GATE && (chi2 < ONE_MORE || own().is_none_or(|own| chi2 < own.chi2 + ONE_MORE));
+            scored.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|(chi2, _)| near(*chi2)).map(|(_, id)| id)
         };
         match (best, present) {
             (Some(id), _) if present == Some(id) => {}

@@ -4,6 +4,7 @@ mod background;
 mod buffers;
 mod image;
 mod search;
+mod structure;
 #[cfg(test)]
 mod tests;
 
@@ -12,6 +13,7 @@ pub use self::image::{Image, SeeError};
 pub use crate::detect::foreground::Area;
 
 use self::image::{Packed, Plain, Source};
+use self::structure::{Shown, Structure};
 use crate::config::ObjectConfig;
 use crate::detect::foreground::{Coding, Sample};
 use crate::detect::noise::{Factors, Noise};
@@ -50,6 +52,9 @@ pub struct Seeing<'b> {
     buffers: Buffers<'b>,
     background_frames: u32,
     environment: Option<(Environment, Pose)>,
+    /// Static planes, where the camera moves, and what the newest frame shows of them.
+    structure: Option<Structure>,
+    shown: Shown,
     /// The row that is next looked at for slow change.
     row: usize,
     seen: u32,
@@ -93,6 +98,8 @@ impl<'b> Seeing<'b> {
             buffers,
             background_frames,
             environment: None,
+            structure: None,
+            shown: Shown::new(),
             row: 0,
             seen: 0,
             floating: None,
@@ -177,6 +184,7 @@ impl<'b> Seeing<'b> {
         if self.learns(&mut source) {
             return true;
         }
+        self.measure_structure(&mut source);
         let everywhere = Area { rows: 0..self.camera.height, columns: 0..self.camera.width };
         let mut found = Vec::new();
         let narrow = !scope.bands.is_empty()
