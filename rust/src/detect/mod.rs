@@ -2,10 +2,12 @@
 
 pub mod background;
 pub mod ball;
+pub mod cloud;
 pub mod compare;
 pub mod components;
 pub mod equations;
 pub mod foreground;
+pub mod icp;
 pub mod noise;
 pub mod patch;
 pub mod sphere;
