@@ -134,7 +134,6 @@ mod tests {
     #[test]
     fn what_is_to_come_is_refused() {
         for (text, key) in [
-            ("[object]\nshape = \"any\"", "object.shape"),
             ("[laws]\nlaw = \"auto\"", "laws.law"),
             ("[laws]\nmagnus = true", "laws.magnus"),
             ("[assume]\ncamera = \"moving\"", "assume.camera"),

@@ -333,9 +333,19 @@ impl Cloud {
         self.sum / f64::from(self.pixels.max(1))
     }
 
-    /// Radius of the ball that would fill as many pixels, m.
+    /// Radius of the ball that would fill as many pixels, m: two thirds of it behind the mean of its points.
     pub fn radius(&self) -> f64 {
         let [x, y] = self.pitch().map(|pitch| f64::from(pitch) / self.stride as f64);
-        sqrt(f64::from(self.pixels) * x * y / core::f64::consts::PI) * self.mean().z
+        let at_1_m = sqrt(f64::from(self.pixels) * x * y / core::f64::consts::PI);
+        at_1_m * self.mean().z / (1.0 - 2.0 / 3.0 * at_1_m).max(0.1)
+    }
+
+    /// Makes it a copy of `other`, in place.
+    pub fn copy_from(&mut self, other: &Self) {
+        let Self { cells, outline, columns, rows, stride, first, scale, offset, pixels, sum, whole } = self;
+        cells.copy_from_slice(&other.cells);
+        outline.clone_from(&other.outline);
+        (*columns, *rows, *stride, *first) = (other.columns, other.rows, other.stride, other.first);
+        (*scale, *offset, *pixels, *sum, *whole) = (other.scale, other.offset, other.pixels, other.sum, other.whole);
     }
 }
