@@ -20,6 +20,10 @@ const OUTLINE: usize = 160;
 const NORMAL_PX: usize = 7;
 /// Slope, depth a distance across, above which neighbours are two surfaces; and the step in depth, m, that noise may make besides.
 const STEEPEST: (f32, f32) = (2.0, 0.01);
+/// Depth by which a pixel may differ from its neighbour, m.
+const WILD: f32 = 0.03;
+/// Cells over which a silhouette fades.
+const REACH: f32 = 2.0;
 /// A cell counts where this part of its pixels does.
 const FILLED: f32 = 0.3;
 
@@ -28,11 +32,11 @@ const FILLED: f32 = 0.3;
 pub struct Cell {
     /// Mean of their points, camera frame, m; all 0 where there are too few.
     pub point: [f32; 3],
-    /// How much of the square, and of those around it, the object covers: 0 to 1.
+    /// How much of the square, and of those around it, the object covers: 0 to 1. While points are added, how many pixels.
     pub cover: f32,
     /// Unit normal, towards the camera; all 0 where it can't be told.
     pub normal: [f32; 3],
-    /// While points are added, how many pixels; then 1/z of the surface in its middle, 1/m, or 0.
+    /// While points are added, how many; then 1/z of the surface in its middle, 1/m, or 0.
     inverse: f32,
 }
 
@@ -66,8 +70,13 @@ pub struct Cloud {
     scale: [f32; 2],
     offset: [f32; 2],
     pixels: u32,
+    /// Sum of the points that were believed, and how many.
     sum: Vec3,
-    whole: bool,
+    counted: f64,
+    /// Columns and rows, in cells, between which the silhouette is the object's own: beyond them the image's edge may cut it off.
+    own: [[f32; 2]; 2],
+    at_edge: bool,
+    intact: bool,
 }
 
 impl Default for Cloud {
@@ -83,7 +92,10 @@ impl Default for Cloud {
             offset: [0.0; 2],
             pixels: 0,
             sum: Vec3::zeros(),
-            whole: false,
+            counted: 0.0,
+            own: [[0.0; 2]; 2],
+            at_edge: false,
+            intact: false,
         }
     }
 }
@@ -102,7 +114,13 @@ impl Cloud {
         let offset = |middle: f64, first: isize| ((middle + 0.5 - first as f64) / stride) as f32;
         self.offset = [offset(camera.cx, self.first[0]), offset(camera.cy, self.first[1])];
         self.cells.iter_mut().take(self.rows * EDGE).for_each(|cell| *cell = Cell::default());
-        (self.pixels, self.sum, self.whole) = (0, Vec3::zeros(), false);
+        (self.pixels, self.sum, self.counted, self.intact) = (0, Vec3::zeros(), 0.0, false);
+        // A cell's cover is a mean with its neighbours', and read between two.
+        let own = |first: isize, end: usize| [-first as f64, end as f64 - first as f64].map(|edge| (edge / stride) as f32);
+        let [across, down] = [own(self.first[0], camera.width), own(self.first[1], camera.height)];
+        self.own = [[across[0] + REACH, across[1] - REACH], [down[0] + REACH, down[1] - REACH]];
+        let Area { rows, columns } = area;
+        self.at_edge = rows.start == 0 || columns.start == 0 || rows.end >= camera.height || columns.end >= camera.width;
         self.outline.clear();
     }
 
@@ -118,15 +136,24 @@ impl Cloud {
         let (mut x, pitch) = (((across as f32 + 0.5) / stride - self.offset[0]) / self.scale[0], 1.0 / (stride * self.scale[0]));
         let cells = self.cells.get_mut(line * EDGE..(line + 1) * EDGE).unwrap_or_default();
         let mut sum = [0.0; 3];
+        let (mut counted, mut before) = (0.0, [0.0; 2]);
         for z in depths {
             let Some(cell) = cells.get_mut(column) else { break };
             let z = z as f32;
-            let point = [x * z, y * z, z];
-            for i in 0..3 {
-                cell.point[i] += point[i];
-                sum[i] += point[i];
+            // A reading that agrees neither with the last one nor with the last that was believed is wild.
+            let believed = before[0] == 0.0 || before.iter().any(|other| (z - other).abs() < WILD);
+            if believed {
+                let point = [x * z, y * z, z];
+                for i in 0..3 {
+                    cell.point[i] += point[i];
+                    sum[i] += point[i];
+                }
+                cell.inverse += 1.0;
+                counted += 1.0;
+                before[1] = z;
             }
-            cell.inverse += 1.0;
+            before[0] = z;
+            cell.cover += 1.0;
             self.pixels += 1;
             x += pitch;
             within += 1;
@@ -135,18 +162,20 @@ impl Cloud {
             }
         }
         self.sum += Vec3::from(sum.map(f64::from));
+        self.counted += counted;
     }
 
-    /// Takes means, normals and the silhouette from what was added. `whole`: nothing cuts the object off, not the image's edge nor a hole, so
-    /// that its silhouette is its own.
-    pub fn finish(&mut self, whole: bool) {
+    /// Takes means, normals and the silhouette from what was added. `intact`: no samples are missing, so that where the object ends in the image
+    /// it ends.
+    pub fn finish(&mut self, intact: bool) {
         let least = (FILLED * (self.stride * self.stride) as f32).max(1.0);
         // x/z, y/z and 1/z: that of a plane is linear in the first two. 1/z is 0 where nothing is seen.
         let mut rays = [[0.0; 3]; CELLS];
         let mut covers = [0.0; CELLS];
         let area = (self.stride * self.stride) as f32;
         for ((cell, ray), cover) in self.cells.iter_mut().zip(&mut rays).zip(&mut covers).take(self.rows * EDGE) {
-            *cover = cell.inverse / area;
+            *cover = cell.cover / area;
+            cell.cover = 0.0;
             if cell.inverse >= least {
                 cell.point = cell.point.map(|sum| sum / cell.inverse);
                 cell.inverse = 1.0 / cell.point[2];
@@ -157,8 +186,8 @@ impl Cloud {
         }
         self.take_normals(&rays);
         self.blur(&covers);
-        self.whole = whole;
-        if whole {
+        self.intact = intact;
+        if intact {
             self.take_outline();
         }
     }
@@ -240,8 +269,9 @@ impl Cloud {
                 }
                 let step = (0.5 - cell.cover) / square;
                 let z = cell.point[2];
-                let ray = |i: usize, middle: usize| (middle as f32 + 0.5 + step * slope[i] - self.offset[i]) / self.scale[i];
-                if self.outline.push([ray(0, column) * z, ray(1, row) * z, z]).is_err() {
+                let place = [column as f32 + 0.5 + step * slope[0], row as f32 + 0.5 + step * slope[1]];
+                let ray = |i: usize| (place[i] - self.offset[i]) / self.scale[i];
+                if self.is_own(place) && self.outline.push([ray(0) * z, ray(1) * z, z]).is_err() {
                     return;
                 }
             }
@@ -254,14 +284,19 @@ impl Cloud {
         lines.flat_map(move |line| line.iter().take(self.columns).step_by(step))
     }
 
-    /// Points of its silhouette, camera frame, m; none where it is cut off.
+    /// Points of its silhouette, camera frame, m; none where something cuts it off.
     pub fn outline(&self) -> &[[f32; 3]] {
         &self.outline
     }
 
-    /// Whether its silhouette is its own.
+    /// Whether nothing cuts it off: no edge of the image, no missing samples.
     pub fn is_whole(&self) -> bool {
-        self.whole
+        self.intact && !self.at_edge
+    }
+
+    #[inline]
+    fn is_own(&self, place: [f32; 2]) -> bool {
+        self.intact && place.iter().zip(&self.own).all(|(place, [first, end])| place > first && place < end)
     }
 
     /// Column and row, in cells, of a point before the camera.
@@ -299,9 +334,12 @@ impl Cloud {
         Some(top + (bottom - top) * y)
     }
 
-    /// How much is covered at a column and row, in cells, and how that changes with either.
+    /// How much is covered at a column and row, in cells, and how that changes with either; `None` where something else may cut it off.
     #[inline]
     pub fn cover(&self, place: [f32; 2]) -> Option<(f32, [f32; 2])> {
+        if !self.is_own(place) {
+            return None;
+        }
         let [column, row] = place.map(|middle| middle - 0.5);
         if !(column >= 0.0 && row >= 0.0 && column < (self.columns - 1) as f32 && row < (self.rows - 1) as f32) {
             return None;
@@ -330,7 +368,7 @@ impl Cloud {
 
     /// Mean of its points, camera frame, m.
     pub fn mean(&self) -> Vec3 {
-        self.sum / f64::from(self.pixels.max(1))
+        self.sum / self.counted.max(1.0)
     }
 
     /// Radius of the ball that would fill as many pixels, m: two thirds of it behind the mean of its points.
@@ -342,10 +380,11 @@ impl Cloud {
 
     /// Makes it a copy of `other`, in place.
     pub fn copy_from(&mut self, other: &Self) {
-        let Self { cells, outline, columns, rows, stride, first, scale, offset, pixels, sum, whole } = self;
+        let Self { cells, outline, columns, rows, stride, first, scale, offset, pixels, sum, counted, own, at_edge, intact } = self;
         cells.copy_from_slice(&other.cells);
         outline.clone_from(&other.outline);
         (*columns, *rows, *stride, *first) = (other.columns, other.rows, other.stride, other.first);
-        (*scale, *offset, *pixels, *sum, *whole) = (other.scale, other.offset, other.pixels, other.sum, other.whole);
+        (*scale, *offset, *pixels, *sum, *counted) = (other.scale, other.offset, other.pixels, other.sum, other.counted);
+        (*own, *at_edge, *intact) = (other.own, other.at_edge, other.intact);
     }
 }

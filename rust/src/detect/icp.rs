@@ -311,9 +311,6 @@ fn surfaces(
 
 /// Adds what the source's silhouette says: its points lie on the target's.
 fn outlines(system: &mut System, source: &Cloud, target: &Cloud, moved: &Moved, weighing: &Weighing, cutoff: f32) {
-    if !(source.is_whole() && target.is_whole()) {
-        return;
-    }
     let (pitch, turn) = (target.pitch(), moved.angle());
     let px = pitch.map(|pitch| pitch / target.stride() as f32);
     for point in source.outline() {

@@ -24,8 +24,8 @@ const FORGOTTEN: f64 = 0.5;
 const FASTEST: f64 = 6.0;
 /// How far a thing may be from where it was going, m; and what part of its way, as it may bounce or turn.
 const ASTRAY: (f64, f64) = (0.05, 1.5);
-/// Less of it than this part of its area, cut off by the image's edge or a hole, is not measured.
-const LEAST: f64 = 0.4;
+/// Less of it than this part of its keyframe's area, cut off by the image's edge or a hole, is not measured.
+const LEAST: f64 = 0.5;
 
 /// Three views: the keyframe, the one before this, and this.
 pub struct Views<'v> {
@@ -102,15 +102,15 @@ impl Shape {
     pub fn follow(&mut self, now_ns: i64, views: Views<'_>, camera: &Camera, noise: Noise) -> Option<Detection> {
         let Views { key, last, current } = views;
         let step = camera.code.step(current.mean().z);
-        if !current.is_whole() && f64::from(current.pixels()) * current.mean().z * current.mean().z < LEAST * last_area(last) {
+        if !current.is_whole() && area(current) < LEAST * area(key) {
             return None;
         }
-        // It turns on as it did, or it doesn't; its middle is where it is seen.
-        let guesses = [self.step_back.rotation, Mat3::identity()];
-        let to_last = guesses.into_iter().find_map(|rotation| {
-            let start = Motion { rotation, translation: last.mean() - rotation * current.mean() };
-            align(current, last, &start, noise, step).filter(is_same)
-        })?;
+        // It turns on as it did, or it doesn't; its middle is where it is seen, unless it is cut off: then it moves on as well.
+        let by_means = |rotation: Mat3| Motion { rotation, translation: last.mean() - rotation * current.mean() };
+        let whole = current.is_whole() && last.is_whole();
+        let first = if whole { by_means(self.step_back.rotation) } else { self.step_back };
+        let to_last =
+            [first, by_means(Mat3::identity())].iter().find_map(|start| align(current, last, start, noise, step).filter(is_same))?;
         let start = self.key_from_last.after(&to_last.target_from_source);
         let to_key = if let Some(to_key) = align(current, key, &start, noise, step).filter(is_same) {
             to_key
@@ -156,7 +156,7 @@ impl Shape {
 }
 
 /// Pixels of a view as they would be at a depth of 1 m.
-fn last_area(view: &Cloud) -> f64 {
+fn area(view: &Cloud) -> f64 {
     f64::from(view.pixels()) * view.mean().z * view.mean().z
 }
 

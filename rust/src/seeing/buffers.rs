@@ -1,8 +1,8 @@
 //! The memory that seeing works in: the caller's, or its own.
 
+use super::shapes::CLOUDS;
 use crate::detect::background::Stranger;
 use crate::detect::ball::ROOM;
-use super::shapes::CLOUDS;
 use crate::detect::cloud::Cloud;
 use crate::detect::components::{Marks, Run};
 use crate::kinect::disparity::{HEIGHT, WIDTH};

@@ -66,12 +66,10 @@ fn union(a: &Area, b: &Area) -> Area {
     Area { rows: join(&a.rows, &b.rows), columns: join(&a.columns, &b.columns) }
 }
 
-/// Whether nothing cuts off what is seen in `area`: not the image's edge, nor samples that are missing.
-fn is_whole(area: &Area, camera: &Camera, missing: &[Range<usize>]) -> bool {
-    let Area { rows, columns } = area;
-    let inside = rows.start > 0 && columns.start > 0 && rows.end < camera.height && columns.end < camera.width;
-    let (first, end) = ((rows.start.saturating_sub(1)) * camera.width, (rows.end + 1) * camera.width);
-    inside && !missing.iter().any(|hole| hole.start < end && hole.end > first)
+/// Whether no samples are missing in the rows of `area` and those next to them.
+fn is_intact(area: &Area, width: usize, missing: &[Range<usize>]) -> bool {
+    let (first, end) = (area.rows.start.saturating_sub(1) * width, (area.rows.end + 1) * width);
+    !missing.iter().any(|hole| hole.start < end && hole.end > first)
 }
 
 /// Something is there that can't be measured.
@@ -172,11 +170,12 @@ impl Seeing<'_> {
             let Some(shape) = slot else { continue };
             let own = || pieces.iter().filter(|piece| piece.owner == Some(index));
             let Some(area) = own().map(|piece| piece.area.clone()).reduce(|a, b| union(&a, &b)) else { continue };
-            let (pixels, roots): (u32, Vec<usize, PIECES>) = (own().map(|piece| piece.pixels).sum(), own().map(|piece| piece.root).collect());
+            let (pixels, roots): (u32, Vec<usize, PIECES>) =
+                (own().map(|piece| piece.pixels).sum(), own().map(|piece| piece.root).collect());
             let measured = if pixels >= FEWEST_POINTS {
                 current.clear(&camera, &area);
                 gather(current, &frame, runs, count, &roots);
-                current.finish(is_whole(&area, &camera, missing));
+                current.finish(is_intact(&area, camera.width, missing));
                 let views = Views { key, last, current };
                 shape.follow(shapes.now_ns, views, &camera, noise)
             } else {
@@ -192,11 +191,10 @@ impl Seeing<'_> {
         for piece in pieces.iter().filter(|piece| piece.owner.is_none() && piece.pixels >= FEWEST_POINTS) {
             current.clear(&camera, &piece.area);
             gather(current, &frame, runs, count, &[piece.root]);
-            let whole = is_whole(&piece.area, &camera, missing);
-            current.finish(whole);
+            current.finish(is_intact(&piece.area, camera.width, missing));
             let free = shapes.slots.iter_mut().zip(kept_views.chunks_exact_mut(2)).find(|(slot, _)| slot.is_none());
             // What is cut off is begun when all of it is seen; until then it is there.
-            let begun = free.filter(|_| whole).and_then(|(slot, views)| {
+            let begun = free.filter(|_| current.is_whole()).and_then(|(slot, views)| {
                 let (shape, detection) = Shape::begin(shapes.last_id + 1, shapes.now_ns, current, &camera, noise)?;
                 views.iter_mut().for_each(|view| view.copy_from(current));
                 (*slot, shapes.last_id) = (Some(shape), shape.id);
