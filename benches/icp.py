@@ -55,10 +55,17 @@ class Setting(NamedTuple):
     neighbours: int
 
 
-def bench(seed: int, dump: Path) -> list[dict[str, Any]]:
+def build() -> str:
+    """Build ours; its program."""
+    command = ["cargo", "bench", "--locked", "--quiet", "--bench", "icp", "--no-run", "--message-format", "json"]
+    messages = map(json.loads, subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout.splitlines())
+    return next(message["executable"] for message in messages if message.get("executable"))
+
+
+def bench(program: str, seed: int, dump: Path) -> list[dict[str, Any]]:
     """Run ours; its lines, and the views in `dump`."""
-    command = ["cargo", "bench", "--locked", "--quiet", "--bench", "icp", "--", "--seed", str(seed), "--dump", str(dump)]
-    lines = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
+    command = [program, "--seed", str(seed), "--dump", str(dump)]
+    lines = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout.splitlines()
     return [json.loads(line) for line in lines if line.startswith("{")]
 
 
@@ -111,9 +118,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=5)
     rounds = parser.parse_args().rounds
+    program = build()
     with tempfile.TemporaryDirectory() as folder:
         dump = Path(folder) / "views"
-        names = {line["scene"]: line["name"] for line in bench(8000, dump)}
+        names = {line["scene"]: line["name"] for line in bench(program, 8000, dump)}
         other = read(dump)
         best = {}
         for scene, kind in itertools.product(names, TYPES):
@@ -122,7 +130,7 @@ def main() -> None:
             best[scene, kind] = min(settings, key=lambda setting: summary([register(pair, setting) for pair in pairs])[0])
         ours, theirs = [], {key: [] for key in best}
         for _ in range(rounds):
-            ours.append(bench(7000, dump))
+            ours.append(bench(program, 7000, dump))
             for pair in read(dump):
                 for kind in TYPES:
                     theirs[pair.scene, kind].append(register(pair, best[pair.scene, kind]))
