@@ -207,8 +207,10 @@ def simulate(scene: str, out: Path, /) -> int:
     Parameters
     ----------
     scene
-        bounce (six throws over a floor and a box that the camera can't see), room, two_balls, many, passive_flight, drop or roll,
-        with keys, if any, as in "bounce?seed=3&distance=2".
+        bounce (six throws over a floor and a box that the camera can't see), room, two_balls, many, passive_flight, drop, roll,
+        rotated_camera (rolled by roll_deg), translating_camera (a hand moves it in mid-flight by travel, m), flying_robot or toy_car
+        (one that takes off, flies and lands; one that drives straight on but for a turn; in these three structure=none, floor, wall or
+        both is what else is seen), with keys, if any, as in "bounce?seed=3&distance=2".
     out
         FILE.npz (frames), or FILE.pcapng, also .gz or .zst (a capture of the packets that a Kinect would send). `physinc run OUT` tells
         what happens in it.

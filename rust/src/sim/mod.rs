@@ -3,18 +3,25 @@
 //! Nothing here is shared with an estimator but the camera's geometry: what is found in a simulated scene was found, not put in.
 
 pub mod body;
+mod car;
+mod carried;
 pub mod impact;
 pub mod kinect;
 mod many;
+pub mod moves;
 pub mod noise;
 pub mod packets;
 pub mod parameters;
 pub mod path;
 pub mod recording;
+pub mod rig;
+pub mod rigid;
+mod robot;
 pub mod scene;
 pub mod sensor;
 mod throws;
 pub mod truth;
+mod witness;
 
 pub use packets::Packets;
 pub use parameters::{Parameters, SCENES};
@@ -55,7 +62,9 @@ pub enum SimError {
         why: String,
     },
     /// The geometry leaves no room for a throw.
-    #[error("no throw fits into view with these keys (tried {tried}); bring distance, height and tilt_deg nearer to their defaults")]
+    #[error(
+        "no throw fits into view with these keys (tried {tried}); bring distance, height, tilt_deg and whatever else is told nearer to their defaults"
+    )]
     NoThrow {
         /// Throws tried.
         tried: u32,

@@ -25,10 +25,18 @@ pub enum Kind {
     Drop,
     /// A ball that rolls on after its last bounce.
     Roll,
+    /// Flights that touch nothing, before a camera rolled about its axis (sec. 3.1 (i) of the paper).
+    RotatedCamera,
+    /// A hand moves the camera in mid-flight (sec. 3.1 (ii)).
+    TranslatingCamera,
+    /// A robot stands on the floor, takes off, flies around and lands (sec. 3.3).
+    FlyingRobot,
+    /// A car drives on the floor, straight on but for one turn (sec. 3.3).
+    ToyCar,
 }
 
 /// Every scene by its name, with what it is.
-pub const SCENES: [(&str, Kind); 7] = [
+pub const SCENES: [(&str, Kind); 11] = [
     ("bounce", Kind::Bounce),
     ("room", Kind::Room),
     ("two_balls", Kind::TwoBalls),
@@ -36,7 +44,18 @@ pub const SCENES: [(&str, Kind); 7] = [
     ("passive_flight", Kind::PassiveFlight),
     ("drop", Kind::Drop),
     ("roll", Kind::Roll),
+    ("rotated_camera", Kind::RotatedCamera),
+    ("translating_camera", Kind::TranslatingCamera),
+    ("flying_robot", Kind::FlyingRobot),
+    ("toy_car", Kind::ToyCar),
 ];
+
+impl Kind {
+    /// Whether the pose is told also where the camera is tilted.
+    fn is_of_known_orientation(self) -> bool {
+        matches!(self, Self::TranslatingCamera | Self::FlyingRobot | Self::ToyCar)
+    }
+}
 
 /// What the samples are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -46,6 +65,31 @@ pub enum Samples {
     Disparity,
     /// Depth, mm, 0 = none, by way of the disparity.
     Depth,
+}
+
+/// What the camera sees beside the objects.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Structure {
+    /// Nothing.
+    #[default]
+    None,
+    /// The floor.
+    Floor,
+    /// A wall 1.2 m behind the middle of the scene.
+    Wall,
+    /// Floor and wall.
+    Both,
+}
+
+impl Structure {
+    pub(super) fn has_floor(self) -> bool {
+        matches!(self, Self::Floor | Self::Both)
+    }
+
+    pub(super) fn has_wall(self) -> bool {
+        matches!(self, Self::Wall | Self::Both)
+    }
 }
 
 macro_rules! parameters {
@@ -64,13 +108,16 @@ macro_rules! parameters {
     };
 }
 
+/// A level camera sees too little of the floor: where that is asked for, it looks down by this, °.
+const FLOOR_TILT: f64 = 20.0;
+
 /// No range: not a number.
 const ANY: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 
 parameters! {
     /// Of all that is random: the same seed gives the same bytes.
     seed: u64 = 1, [0.0, 1.8e19];
-    /// Throws, or pairs of them, or rounds.
+    /// Throws, or pairs of them, or rounds; or robots or cars, one after the other.
     throws: u32 = 6, [1.0, 1000.0];
     /// Balls of a round, where there are many at once.
     balls: u32 = 8, [1.0, 12.0];
@@ -82,7 +129,7 @@ parameters! {
     tilt_deg: f64 = 0.0, [-10.0, 60.0];
     /// The camera is turned about its axis, clockwise as it sees, °.
     roll_deg: f64 = 0.0, [-180.0, 180.0];
-    /// Whether the camera's pose is told; left out: where it stands level.
+    /// Whether the camera's pose (at the first frame) is told; left out: where it stands level, or the scene is about something else.
     pose: bool = true, ANY;
     /// What the samples are.
     kind: Samples = Samples::Disparity, ANY;
@@ -126,6 +173,15 @@ parameters! {
     friction: f64 = 0.5, [0.0, 5.0];
     /// Size of gravity, m/s².
     gravity: f64 = 9.81, [0.5, 30.0];
+    /// What the camera sees beside the objects, in scenes that have this key.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    structure: Option<Structure> = None, ANY;
+    /// How far a hand moves the camera, m, in scenes that have this key.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    travel: Option<f64> = None, [0.01, 0.5];
+    /// How long that lasts, s, in scenes that have this key; 0: 0.25 to 0.45, drawn for each.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    move_seconds: Option<f64> = None, [0.0, 2.0];
 }
 
 impl Parameters {
@@ -158,7 +214,7 @@ impl Parameters {
                 return Err(bad(key, text, "is told twice"));
             }
         }
-        let pose_told = values.contains_key("pose");
+        let [pose_told, tilt_told] = ["pose", "tilt_deg"].map(|key| values.contains_key(key));
         let merged: Map<String, Value> = defaults.into_iter().chain(values).collect();
         let mut parameters: Self = serde_json::from_value(Value::Object(merged)).map_err(|e| bad("scene", told, &e.to_string()))?;
         if parameters.window.is_multiple_of(2) {
@@ -167,7 +223,11 @@ impl Parameters {
         if parameters.packets && (parameters.kind != Samples::Disparity || parameters.fps > 32.0) {
             return Err(bad("packets", "1", "a Kinect sends disparity, up to 32 frames a second"));
         }
-        parameters.pose &= pose_told || (parameters.tilt_deg == 0.0 && parameters.roll_deg == 0.0);
+        let level = parameters.tilt_deg == 0.0 && parameters.roll_deg == 0.0;
+        parameters.pose &= pose_told || level || kind.1.is_of_known_orientation();
+        if !tilt_told && kind.1 == Kind::TranslatingCamera && parameters.structure.is_some_and(Structure::has_floor) {
+            parameters.tilt_deg = FLOOR_TILT;
+        }
         Ok((kind.1, parameters))
     }
 
@@ -180,6 +240,13 @@ impl Parameters {
             Kind::Many => Self { throws: 2, ..base },
             Kind::PassiveFlight => Self { throws: 10, ..base },
             Kind::Drop | Kind::Roll => Self { throws: 1, ..base },
+            Kind::RotatedCamera => Self { roll_deg: 18.0, pose: false, ..base },
+            // Higher, as a hand holds it: the floor lies below the view, and flights are long.
+            Kind::TranslatingCamera => {
+                Self { throws: 2, height: 0.8, structure: Some(Structure::None), travel: Some(0.155), move_seconds: Some(0.0), ..base }
+            }
+            Kind::FlyingRobot => Self { throws: 1, tilt_deg: 20.0, structure: Some(Structure::Floor), ..base },
+            Kind::ToyCar => Self { throws: 1, tilt_deg: 25.0, structure: Some(Structure::Floor), ..base },
         }
     }
 }
@@ -207,6 +274,9 @@ mod tests {
         assert_eq!((kind, p.seed, p.white, p.distance, p.kind, p.sigma), (Kind::Room, 7, true, 2.0, Samples::Depth, 1.5));
         assert_eq!((p.tilt_deg, p.pose), (20.0, false));
         assert!(Parameters::parse("bounce").unwrap().1.pose);
+        assert!(!Parameters::parse("rotated_camera?roll_deg=0").unwrap().1.pose);
+        let (_, p) = Parameters::parse("translating_camera?structure=both").unwrap();
+        assert_eq!((p.pose, p.tilt_deg, p.travel), (true, 20.0, Some(0.155)));
         assert!(Parameters::parse("bounce?tilt_deg=27&pose=1").unwrap().1.pose);
     }
 
@@ -222,6 +292,9 @@ mod tests {
             ("bounce?kind=x", ["x", "disparity"]),
             ("bounce?seed=1&seed=2", ["seed=2", "twice"]),
             ("bounce?seed", ["seed", "key=value"]),
+            ("bounce?travel=0.1", ["travel", "seed"]),
+            ("toy_car?travel=0.1", ["travel", "structure"]),
+            ("translating_camera?structure=roof", ["roof", "both"]),
             ("bounce?packets=1&kind=depth", ["packets=1", "disparity"]),
         ] {
             let message = Parameters::parse(scene).unwrap_err().to_string();

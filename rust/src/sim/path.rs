@@ -140,6 +140,15 @@ impl Path {
         Some((position, velocity))
     }
 
+    /// Acceleration at `time`, world; `None` where it is not there.
+    pub fn acceleration(&self, time: f64) -> Option<Vec3> {
+        let after = self.knots.partition_point(|k| k.time <= time);
+        let (a, b) = (self.knots.get(after.checked_sub(1)?)?, self.knots.get(after)?);
+        let h = b.time - a.time;
+        let s = (time - a.time) / h;
+        Some((b.position - a.position) * ((6.0 - 12.0 * s) / (h * h)) + (a.velocity * (6.0 * s - 4.0) + b.velocity * (6.0 * s - 2.0)) / h)
+    }
+
     /// Ends the path at `time`: somebody catches the ball.
     #[must_use]
     pub fn caught(mut self, time: f64) -> Self {

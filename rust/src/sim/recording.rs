@@ -3,6 +3,7 @@
 use super::SimError;
 use super::packets::{Packets, zero_plane};
 use super::scene::Scene;
+use super::truth::FrameTruth;
 use crate::capture::{Output, Writer};
 use crate::geometry::camera::{Camera, DepthCode};
 use crate::kinect::disparity::Packing;
@@ -20,7 +21,7 @@ use zip::write::SimpleFileOptions;
 pub struct Summary {
     /// Frames in the recording.
     pub frames: usize,
-    /// Throws.
+    /// Throws; or robots or cars.
     pub balls: usize,
     /// True contacts, seen or not.
     pub contacts: usize,
@@ -69,7 +70,8 @@ pub fn simulate(scene: &str, out: &Path) -> Result<Summary, SimError> {
     std::fs::write(&camera, camera_toml(&scene.camera())?).map_err(failed(&camera))?;
     let json = File::create(&truth).map(BufWriter::new).and_then(|file| Ok(serde_json::to_writer(file, scene.truth())?));
     json.map_err(failed(&truth))?;
-    let balls = 1 + scene.truth().frames.iter().flat_map(|f| &f.balls).map(|b| b.ball).max().unwrap_or(0);
+    let objects = |f: &FrameTruth| f.balls.iter().map(|b| b.ball).chain(f.objects.iter().map(|o| o.object)).max();
+    let balls = 1 + scene.truth().frames.iter().filter_map(objects).max().unwrap_or(0);
     Ok(Summary {
         frames: scene.truth().frames.len(),
         balls,

@@ -3,8 +3,10 @@
 use super::SimError;
 use super::body::{Ball, Motion};
 use super::impact::{Shape, Solid};
+use super::moves::Move;
 use super::parameters::{Kind, Parameters};
 use super::path::{Path, Stage};
+use super::rigid::{Rigid, State};
 use crate::geometry::camera::{Camera, Pose};
 use crate::math::Vec3;
 use rand::RngExt;
@@ -16,15 +18,18 @@ use std::vec::Vec;
 const TRIES: u32 = 20_000;
 /// Flight that must be in view before the first touch and after the last, s.
 const CLEAR: f64 = 0.2;
+/// Where a flight is to show a camera's orientation it stays in view for so many frames: one more than is promised.
+const FREE_FRAMES: f64 = 16.0;
 /// Height of the box and half its other edges, m.
 const BOX: Vec3 = Vec3::new(0.22, 0.17, 0.045);
 
 /// What surrounds the balls of a scene.
 pub(super) fn stage(kind: Kind, p: &Parameters) -> Stage {
     let room = kind == Kind::Room;
+    let structure = p.structure.unwrap_or_default();
     let (restitution, friction) = (p.restitution, p.friction);
     let plane = |name, normal, offset, visible| Solid { name, shape: Shape::Plane { normal, offset }, restitution, friction, visible };
-    let mut solids = std::vec![plane("ground", Vec3::z(), 0.0, room)];
+    let mut solids = std::vec![plane("ground", Vec3::z(), 0.0, room || structure.has_floor())];
     if matches!(kind, Kind::Bounce | Kind::Room) {
         let (center, rotation) = (Vec3::new(0.15, p.distance, BOX.z), *nalgebra::Rotation3::from_euler_angles(0.0, 0.0, 0.1).matrix());
         solids.push(Solid {
@@ -35,7 +40,7 @@ pub(super) fn stage(kind: Kind, p: &Parameters) -> Stage {
             visible: false,
         });
     }
-    if room {
+    if room || structure.has_wall() {
         solids.push(plane("wall", -Vec3::y(), -(p.distance + 1.2), true));
     }
     Stage { gravity: Vec3::new(0.0, 0.0, -p.gravity), solids, contact_duration: p.contact_duration, restitution_sd: p.restitution_sd }
@@ -49,6 +54,10 @@ pub(super) struct Thrower<'a> {
     pub(super) camera: &'a Camera,
     pub(super) pose: &'a Pose,
     pub(super) rng: &'a mut Xoshiro256PlusPlus,
+    /// How the camera is moved, in the order of time.
+    pub(super) moves: Vec<Move>,
+    /// What isn't a ball.
+    pub(super) things: Vec<Rigid>,
 }
 
 impl Thrower<'_> {
@@ -59,13 +68,21 @@ impl Thrower<'_> {
         for i in 0..self.parameters.throws {
             let thrown = match self.kind {
                 Kind::Bounce | Kind::Room => std::vec![self.try_until(|t| t.over_the_box(i % 2 == 1))?],
-                Kind::PassiveFlight => std::vec![self.try_until(Self::past_everything)?],
+                Kind::PassiveFlight => std::vec![self.try_until(|t| t.past_everything(0.33))?],
+                Kind::RotatedCamera => std::vec![self.try_until(|t| t.past_everything(FREE_FRAMES / t.parameters.fps.min(30.0)))?],
+                Kind::TranslatingCamera => std::vec![self.while_carried(time)?],
                 Kind::TwoBalls => self.try_until(Self::crossing)?.into(),
                 Kind::Many => self.many()?,
                 Kind::Drop => std::vec![self.dropped()],
                 Kind::Roll => std::vec![self.try_until(Self::rolling)?],
+                Kind::FlyingRobot | Kind::ToyCar => {
+                    let thing = if self.kind == Kind::ToyCar { self.car(time)? } else { self.robot(time)? };
+                    self.things.push(thing);
+                    Vec::new()
+                }
             };
-            let end = thrown.iter().map(Path::end).fold(0.0, f64::max);
+            let gone = self.things.last().map_or(0.0, |thing| thing.end - time);
+            let end = thrown.iter().map(Path::end).fold(gone, f64::max);
             paths.extend(thrown.into_iter().map(|p| p.later(time)));
             time += end + self.uniform(0.1, 0.8);
         }
@@ -94,11 +111,16 @@ impl Thrower<'_> {
 
     /// Signed distance of the ball's rim from the edge of the image, in its radii: below −1 nothing of it is in view, above 1 all of it.
     pub(super) fn inside(&self, center: &Vec3) -> f64 {
-        let c = self.pose.to_camera(center);
+        self.inside_from(self.pose, center, self.parameters.radius)
+    }
+
+    /// The same for a camera that has been moved to `pose`, and a sphere of this radius.
+    pub(super) fn inside_from(&self, pose: &Pose, center: &Vec3, radius: f64) -> f64 {
+        let c = pose.to_camera(center);
         let Some((x, y)) = self.camera.project(&c) else { return -9.0 };
         let (width, height) = (self.camera.width as f64, self.camera.height as f64);
         let margin = (x + 0.5).min(width - 0.5 - x).min(y + 0.5).min(height - 0.5 - y);
-        margin / (self.camera.fx * self.parameters.radius / c.z)
+        margin / (self.camera.fx * radius / c.z)
     }
 
     /// From when to when all of the ball is in view, the first time it is.
@@ -110,8 +132,15 @@ impl Thrower<'_> {
         Some((enter, leave))
     }
 
+    /// Whether all of a thing is in view all the time.
+    pub(super) fn stays_in_view(&self, thing: &Rigid) -> bool {
+        let reach = thing.reach();
+        let whole = |state: State| self.inside_from(self.pose, &state.position, reach) > 1.0;
+        (0..((thing.end - thing.start) / 2e-2) as u32).all(|i| thing.at(thing.start + f64::from(i) * 2e-2).is_none_or(whole))
+    }
+
     /// A point in the middle of the scene, `height` over the floor.
-    fn around_middle(&mut self, x: f64, y: f64, height: f64) -> Vec3 {
+    pub(super) fn around_middle(&mut self, x: f64, y: f64, height: f64) -> Vec3 {
         let middle = self.parameters.distance;
         Vec3::new(self.uniform(-x, x), middle + self.uniform(-y, y), height)
     }
@@ -151,8 +180,8 @@ impl Thrower<'_> {
         fits.then(|| path.caught(caught))
     }
 
-    /// Thrown through the view, caught before it touches anything.
-    fn past_everything(&mut self) -> Option<Path> {
+    /// Thrown through the view, where it stays for more than `least` s; caught before it touches anything.
+    fn past_everything(&mut self, least: f64) -> Option<Path> {
         let (middle, fall) = (self.around_middle(0.3, 0.3, 0.0), self.uniform(0.2, 0.6));
         let (speed, angle) = (self.uniform(0.5, 3.0), self.uniform(0.0, core::f64::consts::TAU));
         let velocity = Vec3::new(angle.cos(), angle.sin(), 0.0) * speed + Vec3::z() * self.uniform(0.0, 4.0);
@@ -164,7 +193,7 @@ impl Thrower<'_> {
         let path = self.fly(start, velocity, 1.5);
         let free = path.touches.first().map_or(path.end(), |t| t.time) - 0.05;
         let (enter, leave) = self.stay(&path)?;
-        (leave.min(free) - enter > 0.33).then(|| path.caught(free.min(leave + 0.2)))
+        (leave.min(free) - enter > least).then(|| path.caught(free.min(leave + 0.2)))
     }
 
     /// Two balls from either side, the nearer before the other for a moment.
