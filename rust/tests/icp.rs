@@ -137,15 +137,7 @@ fn covariances_are_honest() {
 }
 
 #[test]
-fn a_fifth_of_wild_readings_does_no_harm() {
-    // Of pixels: those near the rest go into means of cells, which grow worse, and say so.
-    let pixels = |random: &mut Random, image: &mut [f32]| {
-        for z in image.iter_mut().filter(|z| z.is_finite()) {
-            if random.uniform() < 0.2 {
-                *z += (0.1 * random.normal()) as f32;
-            }
-        }
-    };
+fn a_fifth_of_wild_surface_does_no_harm() {
     // Of patches of the surface.
     let patches = |random: &mut Random, image: &mut [f32]| {
         let offsets: Vec<f32> = (0..80 * 60).map(|_| if random.uniform() < 0.2 { (0.1 * random.normal()) as f32 } else { 0.0 }).collect();
@@ -155,8 +147,6 @@ fn a_fifth_of_wild_readings_does_no_harm() {
         let [clean, ..] = errors(&body, 1.2, true, true, 2000..2020, |_, _| {});
         let [shift, turn, _] = errors(&body, 1.2, true, true, 2000..2020, patches);
         assert!(shift < 2.0 * clean && turn < 0.05, "{shift} m instead of {clean}, {turn} rad");
-        let [shift, _, nees] = errors(&body, 1.2, true, true, 2000..2020, pixels);
-        assert!(shift < 4.0 * clean && nees < 1.6, "{shift} m instead of {clean}, NEES {nees}");
     }
 }
 

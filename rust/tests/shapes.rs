@@ -7,10 +7,12 @@ use physinc::config::{CameraConfig, Config, ObjectConfig, Shape};
 use physinc::detect::{Blob, Detection};
 use physinc::engine::Engine;
 use physinc::event::{Event, Kind};
-use physinc::geometry::camera::{Camera, DepthCode};
+use physinc::geometry::camera::{Camera, DepthCode, Pose};
 use physinc::geometry::motion::Motion;
-use physinc::math::Vec3;
+use physinc::math::{Mat3, Vec3};
 use physinc::seeing::{Buffers, Image, Scope, Seeing};
+use physinc::sim::Scene;
+use physinc::sim::truth::ObjectTruth;
 use solids::{Random, Solid, blob, car, disturb, draw};
 
 const WALL: f32 = 2.5;
@@ -280,5 +282,57 @@ fn no_track_bridges_an_absence() {
     assert!(positions.len() > 55, "{}", positions.len());
     for pair in positions.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
         assert!((Vec3::from(pair[0].2) - Vec3::from(pair[1].2)).norm() < 0.04, "{pair:?}");
+    }
+}
+
+/// Simulated cars and robots: motion of the point of reference against the truth, after both begin at one place.
+#[test]
+fn simulated_things_are_followed() {
+    for (name, most) in [("toy_car", 0.008), ("flying_robot", 0.012)] {
+        let (mut squares, mut nees, mut count, mut in_view, mut ends, mut begun) = (0.0, 0.0, 0.0, 0, 0.0, 0);
+        for seed in 4000..4004 {
+            let scene = Scene::parse(&format!("{name}?seed={seed}")).expect("a scene");
+            let (camera, truth) = (scene.camera(), scene.truth());
+            let world = Pose::from_rows(&truth.world_from_camera).expect("rigid");
+            let mut seeing = Seeing::new(&camera, &any(), 15, Buffers::owned(camera.width, camera.height)).expect("buffers of its size");
+            let (mut frames, mut index, mut found) = (scene.frames(), 0, Fixed::new());
+            // For each number, its object and where on it the point of reference is.
+            let mut known: Vec<(u32, usize, Vec3, f64)> = Vec::new();
+            while let Some(frame) = frames.next_frame() {
+                let scope = Scope { timestamp_ns: Some(frame.timestamp_ns), ..Scope::default() };
+                seeing.see_in(Image::U16(frame.samples), scope, &mut found).expect("the camera's image");
+                let truth = &truth.frames[index];
+                index += 1;
+                in_view += truth.objects.iter().filter(|o| o.in_view > 0.99).count();
+                for seen in found.iter().filter(|d| d.blob == Blob::Whole) {
+                    let center = world.to_world(&seen.center);
+                    let distance = |o: &ObjectTruth| (Vec3::from(o.center) - center).norm();
+                    let Some(object) = truth.objects.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))) else { continue };
+                    let rotation = Mat3::from_fn(|i, j| object.rotation[i][j]);
+                    let id = seen.shape.expect("a number");
+                    let mine = known.iter().position(|k| k.0 == id).unwrap_or_else(|| {
+                        begun += 1;
+                        known.push((id, object.object, rotation.transpose() * (center - Vec3::from(object.center)), 0.0));
+                        known.len() - 1
+                    });
+                    assert_eq!(known[mine].1, object.object, "{name}?seed={seed}, frame {index}");
+                    let error = center - (Vec3::from(object.center) + rotation * known[mine].2);
+                    let covariance = world.covariance_to_world(&seen.covariance);
+                    nees += error.dot(&(covariance.try_inverse().expect("a covariance") * error)) / 3.0;
+                    known[mine].3 = error.norm();
+                    squares += error.norm_squared();
+                    count += 1.0;
+                }
+            }
+            ends += known.iter().map(|k| k.3).sum::<f64>() / known.len().max(1) as f64 / 4.0;
+        }
+        let rms = f64::sqrt(squares / count);
+        println!(
+            "{name}: {:.1} mm rms, {:.1} mm at the end, NEES {:.1}, {count} of {in_view} measured, {begun} begun",
+            1e3 * rms,
+            1e3 * ends,
+            nees / count
+        );
+        assert!(rms < most && count > 0.9 * f64::from(in_view as u32), "{name}: {rms} m rms, {count} of {in_view}");
     }
 }

@@ -3,9 +3,12 @@
 //! A cell is the mean of a square of pixels, so many that the object fits into [`EDGE`] of them. Neighbours in the image are neighbours on the
 //! surface, or nearly: normals need no search, and what a point of another cloud meets is found by projecting it.
 
+#![allow(clippy::inline_always)] // So that loops are compiled for the registers of `widest`.
+
 use super::foreground::Area;
 use crate::geometry::camera::Camera;
 use crate::math::{Vec3, sqrt, sqrtf};
+use crate::simd::widest;
 use heapless::Vec;
 
 /// Columns and rows of cells.
@@ -20,8 +23,6 @@ const OUTLINE: usize = 160;
 const NORMAL_PX: usize = 7;
 /// Slope, depth a distance across, above which neighbours are two surfaces; and the step in depth, m, that noise may make besides.
 const STEEPEST: (f32, f32) = (2.0, 0.01);
-/// Depth by which a pixel may differ from its neighbour, m.
-const WILD: f32 = 0.03;
 /// Cells over which a silhouette fades.
 const REACH: f32 = 2.0;
 /// A cell counts where this part of its pixels does.
@@ -36,19 +37,19 @@ pub struct Cell {
     pub cover: f32,
     /// Unit normal, towards the camera; all 0 where it can't be told.
     pub normal: [f32; 3],
-    /// While points are added, how many; then 1/z of the surface in its middle, 1/m, or 0.
+    /// 1/z of the surface in its middle, 1/m, or 0.
     inverse: f32,
 }
 
 impl Cell {
     /// Whether it shows a surface.
-    #[inline]
+    #[inline(always)]
     pub fn is_seen(&self) -> bool {
         self.point[2] > 0.0
     }
 
     /// Whether it is known how that surface faces.
-    #[inline]
+    #[inline(always)]
     pub fn has_normal(&self) -> bool {
         self.normal[2] < 0.0
     }
@@ -70,9 +71,7 @@ pub struct Cloud {
     scale: [f32; 2],
     offset: [f32; 2],
     pixels: u32,
-    /// Sum of the points that were believed, and how many.
     sum: Vec3,
-    counted: f64,
     /// Columns and rows, in cells, between which the silhouette is the object's own: beyond them the image's edge may cut it off.
     own: [[f32; 2]; 2],
     at_edge: bool,
@@ -92,7 +91,6 @@ impl Default for Cloud {
             offset: [0.0; 2],
             pixels: 0,
             sum: Vec3::zeros(),
-            counted: 0.0,
             own: [[0.0; 2]; 2],
             at_edge: false,
             intact: false,
@@ -114,7 +112,7 @@ impl Cloud {
         let offset = |middle: f64, first: isize| ((middle + 0.5 - first as f64) / stride) as f32;
         self.offset = [offset(camera.cx, self.first[0]), offset(camera.cy, self.first[1])];
         self.cells.iter_mut().take(self.rows * EDGE).for_each(|cell| *cell = Cell::default());
-        (self.pixels, self.sum, self.counted, self.intact) = (0, Vec3::zeros(), 0.0, false);
+        (self.pixels, self.sum, self.intact) = (0, Vec3::zeros(), false);
         // A cell's cover is a mean with its neighbours', and read between two.
         let own = |first: isize, end: usize| [-first as f64, end as f64 - first as f64].map(|edge| (edge / stride) as f32);
         let [across, down] = [own(self.first[0], camera.width), own(self.first[1], camera.height)];
@@ -136,23 +134,14 @@ impl Cloud {
         let (mut x, pitch) = (((across as f32 + 0.5) / stride - self.offset[0]) / self.scale[0], 1.0 / (stride * self.scale[0]));
         let cells = self.cells.get_mut(line * EDGE..(line + 1) * EDGE).unwrap_or_default();
         let mut sum = [0.0; 3];
-        let (mut counted, mut before) = (0.0, [0.0; 2]);
         for z in depths {
             let Some(cell) = cells.get_mut(column) else { break };
             let z = z as f32;
-            // A reading that agrees neither with the last one nor with the last that was believed is wild.
-            let believed = before[0] == 0.0 || before.iter().any(|other| (z - other).abs() < WILD);
-            if believed {
-                let point = [x * z, y * z, z];
-                for i in 0..3 {
-                    cell.point[i] += point[i];
-                    sum[i] += point[i];
-                }
-                cell.inverse += 1.0;
-                counted += 1.0;
-                before[1] = z;
+            let point = [x * z, y * z, z];
+            for i in 0..3 {
+                cell.point[i] += point[i];
+                sum[i] += point[i];
             }
-            before[0] = z;
             cell.cover += 1.0;
             self.pixels += 1;
             x += pitch;
@@ -162,7 +151,6 @@ impl Cloud {
             }
         }
         self.sum += Vec3::from(sum.map(f64::from));
-        self.counted += counted;
     }
 
     /// Takes means, normals and the silhouette from what was added. `intact`: no samples are missing, so that where the object ends in the image
@@ -174,17 +162,20 @@ impl Cloud {
         let mut covers = [0.0; CELLS];
         let area = (self.stride * self.stride) as f32;
         for ((cell, ray), cover) in self.cells.iter_mut().zip(&mut rays).zip(&mut covers).take(self.rows * EDGE) {
-            *cover = cell.cover / area;
-            cell.cover = 0.0;
-            if cell.inverse >= least {
-                cell.point = cell.point.map(|sum| sum / cell.inverse);
+            let pixels = core::mem::take(&mut cell.cover);
+            *cover = pixels / area;
+            if pixels >= least {
+                cell.point = cell.point.map(|sum| sum / pixels);
                 cell.inverse = 1.0 / cell.point[2];
                 *ray = [cell.point[0] * cell.inverse, cell.point[1] * cell.inverse, cell.inverse];
             } else {
-                (cell.point, cell.inverse) = ([0.0; 3], 0.0);
+                cell.point = [0.0; 3];
             }
         }
-        self.take_normals(&rays);
+        widest(
+            #[inline(always)]
+            || self.take_normals(&rays),
+        );
         self.blur(&covers);
         self.intact = intact;
         if intact {
@@ -193,6 +184,7 @@ impl Cloud {
     }
 
     /// Normals of planes through the cells around each, by least squares.
+    #[inline(always)]
     fn take_normals(&mut self, rays: &[[f32; 3]; CELLS]) {
         let reach = if 5 * self.stride < NORMAL_PX { 3 } else { 2 };
         let pitch = 1.0 / self.scale[0];
@@ -294,20 +286,20 @@ impl Cloud {
         self.intact && !self.at_edge
     }
 
-    #[inline]
+    #[inline(always)]
     fn is_own(&self, place: [f32; 2]) -> bool {
         self.intact && place.iter().zip(&self.own).all(|(place, [first, end])| place > first && place < end)
     }
 
     /// Column and row, in cells, of a point before the camera.
-    #[inline]
+    #[inline(always)]
     pub fn project(&self, p: &[f32; 3]) -> [f32; 2] {
         let inverse = 1.0 / p[2];
         [p[0] * inverse * self.scale[0] + self.offset[0], p[1] * inverse * self.scale[1] + self.offset[1]]
     }
 
     /// The cell at a column and row, in cells.
-    #[inline]
+    #[inline(always)]
     pub fn at(&self, place: [f32; 2]) -> Option<&Cell> {
         let [column, row] = place;
         // NaN is not within either.
@@ -317,7 +309,7 @@ impl Cloud {
 
     /// 1/z of the surface at a column and row, in cells, 1/m: linear between the middles of four cells, as a plane is. `None` where one of them
     /// shows nothing, or another surface.
-    #[inline]
+    #[inline(always)]
     pub fn inverse_depth(&self, place: [f32; 2]) -> Option<f32> {
         let [column, row] = place.map(|middle| middle - 0.5);
         if !(column >= 0.0 && row >= 0.0 && column < (self.columns - 1) as f32 && row < (self.rows - 1) as f32) {
@@ -335,7 +327,7 @@ impl Cloud {
     }
 
     /// How much is covered at a column and row, in cells, and how that changes with either; `None` where something else may cut it off.
-    #[inline]
+    #[inline(always)]
     pub fn cover(&self, place: [f32; 2]) -> Option<(f32, [f32; 2])> {
         if !self.is_own(place) {
             return None;
@@ -368,7 +360,7 @@ impl Cloud {
 
     /// Mean of its points, camera frame, m.
     pub fn mean(&self) -> Vec3 {
-        self.sum / self.counted.max(1.0)
+        self.sum / f64::from(self.pixels.max(1))
     }
 
     /// Radius of the ball that would fill as many pixels, m: two thirds of it behind the mean of its points.
@@ -380,11 +372,11 @@ impl Cloud {
 
     /// Makes it a copy of `other`, in place.
     pub fn copy_from(&mut self, other: &Self) {
-        let Self { cells, outline, columns, rows, stride, first, scale, offset, pixels, sum, counted, own, at_edge, intact } = self;
+        let Self { cells, outline, columns, rows, stride, first, scale, offset, pixels, sum, own, at_edge, intact } = self;
         cells.copy_from_slice(&other.cells);
         outline.clone_from(&other.outline);
         (*columns, *rows, *stride, *first) = (other.columns, other.rows, other.stride, other.first);
-        (*scale, *offset, *pixels, *sum, *counted) = (other.scale, other.offset, other.pixels, other.sum, other.counted);
+        (*scale, *offset, *pixels, *sum) = (other.scale, other.offset, other.pixels, other.sum);
         (*own, *at_edge, *intact) = (other.own, other.at_edge, other.intact);
     }
 }

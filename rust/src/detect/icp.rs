@@ -3,10 +3,13 @@
 //! What a point meets in the other view is found by projecting it there (Blais and Levine 1995). Surfaces tell little of a motion along
 //! themselves: across the line of sight most of what is known comes from the silhouette, which is met likewise, point to line.
 
+#![allow(clippy::inline_always)] // So that loops are compiled for the registers of `widest`.
+
 use super::cloud::{Cell, Cloud};
 use super::noise::Noise;
 use crate::geometry::motion::Motion;
 use crate::math::{Mat3, Vec3, sqrt, symmetric};
+use crate::simd::widest;
 use nalgebra::{Matrix3x6, Matrix6, Vector6};
 
 /// From coarse to fine.
@@ -19,7 +22,7 @@ const LEVELS: [Level; 3] = [
 /// Fewer cells than this are not thinned.
 const THINNED: usize = 200;
 /// A step that is this part of its standard deviation ends a level; the finest goes on to the second.
-const SETTLED: (f64, f64) = (0.1, 1e-3);
+const SETTLED: (f64, f64) = (0.3, 0.02);
 /// What is known before, as standard deviations of a round's step: it keeps a turn that can't be seen (of a ball) from running off. rad, m.
 const PRIOR: (f64, f64) = (0.5, 0.5);
 /// Cosine of the angle by which two normals of one surface may differ, by noise and by motion.
@@ -75,44 +78,40 @@ impl Alignment {
     }
 }
 
-/// Normal equations of one linearisation, the upper triangle row by row.
+/// An equation: what six unknowns, the residual, and nothing count; as many numbers as a wide register holds.
+type Row = [f32; 8];
+
+/// Normal equations of one linearisation: Σ weight · row of unknowns · row.
 #[derive(Default)]
 struct System {
-    information: [f32; 21],
-    gradient: [f32; 6],
+    products: [Row; 6],
     /// Σ weight · squared residual, and its expectation; Σ squared residual, m², and how many.
     squares: [f32; 2],
     distances: f32,
     inliers: u32,
     seen: u32,
-    equations: u32,
 }
 
 impl System {
     /// Takes in a residual of `jacobian` · step.
-    #[inline]
+    #[inline(always)]
     fn add(&mut self, jacobian: &[f32; 6], residual: f32, weight: f32) {
-        let mut k = 0;
-        for i in 0..6 {
-            let weighted = weight * jacobian[i];
-            for along in jacobian.iter().skip(i) {
-                self.information[k] += weighted * along;
-                k += 1;
+        let [a, b, c, d, e, f] = *jacobian;
+        let row: Row = [a, b, c, d, e, f, residual, 0.0];
+        for (products, unknown) in self.products.iter_mut().zip(jacobian) {
+            let weighted = weight * unknown;
+            for (product, other) in products.iter_mut().zip(row) {
+                *product += weighted * other;
             }
-            self.gradient[i] += weighted * residual;
         }
-        self.equations += 1;
+    }
+
+    fn gradient(&self) -> Vector6<f64> {
+        Vector6::from_fn(|i, _| f64::from(self.products[i][6]))
     }
 
     fn matrix(&self) -> Matrix6<f64> {
-        let mut entries = self.information.iter();
-        let mut matrix = Matrix6::zeros();
-        for i in 0..6 {
-            for j in i..6 {
-                let entry = entries.next().copied().map_or(0.0, f64::from);
-                (matrix[(i, j)], matrix[(j, i)]) = (entry, entry);
-            }
-        }
+        let mut matrix = Matrix6::from_fn(|i, j| f64::from(self.products[i.min(j)][i.max(j)]));
         for i in 0..3 {
             matrix[(i, i)] += 1.0 / (PRIOR.0 * PRIOR.0);
             matrix[(i + 3, i + 3)] += 1.0 / (PRIOR.1 * PRIOR.1);
@@ -143,7 +142,7 @@ impl Moved {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn turned(&self, v: &[f32; 3]) -> [f32; 3] {
         [dot(&self.rotation[0], v), dot(&self.rotation[1], v), dot(&self.rotation[2], v)]
     }
@@ -155,27 +154,27 @@ impl Moved {
         0.5 * crate::math::sqrtf(dot(&twice_sin, &twice_sin))
     }
 
-    #[inline]
+    #[inline(always)]
     fn of(&self, p: &[f32; 3]) -> [f32; 3] {
         let turned = self.turned(p);
         [turned[0] + self.translation[0], turned[1] + self.translation[1], turned[2] + self.translation[2]]
     }
 
     /// How a distance of `p` along `n` changes by a turn about the pivot and by a shift.
-    #[inline]
+    #[inline(always)]
     fn jacobian(&self, p: &[f32; 3], n: &[f32; 3]) -> [f32; 6] {
         let [x, y, z] = [p[0] - self.pivot[0], p[1] - self.pivot[1], p[2] - self.pivot[2]];
         [y * n[2] - z * n[1], z * n[0] - x * n[2], x * n[1] - y * n[0], n[0], n[1], n[2]]
     }
 }
 
-#[inline]
+#[inline(always)]
 fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// Tukey's biweight of a residual whose square is this part of the cutoff's.
-#[inline]
+#[inline(always)]
 fn tukey(part: f32) -> f32 {
     if part < 1.0 { (1.0 - part) * (1.0 - part) } else { 0.0 }
 }
@@ -227,14 +226,20 @@ pub fn align(source: &Cloud, target: &Cloud, start: &Motion, noise: Noise, step:
             let moved = Moved::new(&motion, &pivot);
             let mut system = System::default();
             let cutoff = level.cutoff * spread;
-            surfaces(&mut system, source, target, &moved, noise, &weighing, if thinned { level.step } else { 1 }, cutoff);
-            outlines(&mut system, source, target, &moved, &weighing, cutoff);
+            let step = if thinned { level.step } else { 1 };
+            widest(
+                #[inline(always)]
+                || {
+                    surfaces(&mut system, source, target, &moved, noise, &weighing, step, cutoff);
+                    outlines(&mut system, source, target, &moved, &weighing, cutoff);
+                },
+            );
             if system.inliers < FEWEST {
                 return None;
             }
             let information = system.matrix();
             let solver = information.cholesky()?;
-            let delta = solver.solve(&Vector6::from_iterator(system.gradient.iter().copied().map(f64::from)));
+            let delta = solver.solve(&system.gradient());
             let (turn, shift) = (Vec3::new(delta[0], delta[1], delta[2]), Vec3::new(delta[3], delta[4], delta[5]));
             if !delta.iter().all(|x| x.is_finite()) || turn.norm() > 1.0 {
                 return None;
@@ -265,6 +270,7 @@ pub fn align(source: &Cloud, target: &Cloud, start: &Motion, noise: Noise, step:
 }
 
 /// Adds what the source's surface says: each of its cells lies in the plane of the cell that it meets.
+#[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn surfaces(
     system: &mut System,
@@ -310,6 +316,7 @@ fn surfaces(
 }
 
 /// Adds what the source's silhouette says: its points lie on the target's.
+#[inline(always)]
 fn outlines(system: &mut System, source: &Cloud, target: &Cloud, moved: &Moved, weighing: &Weighing, cutoff: f32) {
     let (pitch, turn) = (target.pitch(), moved.angle());
     let px = pitch.map(|pitch| pitch / target.stride() as f32);
