@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     Array = NDArray[Any]
 
 TYPES = ("ICP", "PLANE_ICP", "GICP", "VGICP")
-RESOLUTIONS = (0.003, 0.006, 0.012)  # m: to which points are thinned
-REACHES = (0.02, 0.06)  # m: farthest correspondence
+RESOLUTIONS = (0.004, 0.008)  # m: to which points are thinned
+REACHES = (0.02, 0.05)  # m: farthest correspondence
 NEIGHBOURS = (10, 20)  # for normals and covariances
 FINE = {"rotation_epsilon": 1e-4, "translation_epsilon": 1e-5, "max_iterations": 50}
 
@@ -125,7 +125,7 @@ def main() -> None:
         other = read(dump)
         best = {}
         for scene, kind in itertools.product(names, TYPES):
-            pairs = [pair for pair in other if pair.scene == scene][::4]
+            pairs = [pair for pair in other if pair.scene == scene][::8]
             settings = [Setting(kind, *rest) for rest in itertools.product(RESOLUTIONS, REACHES, NEIGHBOURS)]
             best[scene, kind] = min(settings, key=lambda setting: summary([register(pair, setting) for pair in pairs])[0])
         ours, theirs = [], {key: [] for key in best}

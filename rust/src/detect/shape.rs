@@ -3,7 +3,7 @@
 
 use super::cloud::Cloud;
 use super::icp::{Alignment, align};
-use super::noise::Noise;
+use super::noise::{Factor, Noise};
 use super::{Blob, Detection};
 use crate::geometry::camera::Camera;
 use crate::geometry::motion::Motion;
@@ -16,8 +16,9 @@ const TURNED: f64 = 0.26;
 const FRESH: f64 = 0.75;
 /// and less than this is no longer the same thing, or not to be told.
 const SAME: f64 = 0.55;
-/// Mean squares of distances, in units of their expectation, above which it is not.
-const ALIKE: f64 = 16.0;
+/// Mean squares of distances, in units of what they were so far, above which an alignment may be a wrong one, and above which it is.
+const DOUBTFUL: f64 = 1.5;
+const WRONG: f64 = 5.0;
 /// A shape of which nothing was measured for so long is forgotten, s: what comes back then is a new one.
 const FORGOTTEN: f64 = 0.5;
 /// A thing whose speed is not known yet moves less than this, m/s.
@@ -54,6 +55,8 @@ pub struct Shape {
     middle: Vec3,
     velocity: Option<Vec3>,
     measured_ns: i64,
+    /// Mean squares of distances in units of their expectation, so far.
+    spread: Factor,
 }
 
 /// What is taken for the middle of a thing: seen from the front, the mean depth of a ball's surface is two thirds of its radius before its center.
@@ -77,6 +80,7 @@ impl Shape {
             middle: key.mean(),
             velocity: None,
             measured_ns: now_ns,
+            spread: Factor::default(),
         };
         let detection = shape.detection(key, &itself, camera)?;
         Some((shape, detection))
@@ -109,17 +113,29 @@ impl Shape {
         let by_means = |rotation: Mat3| Motion { rotation, translation: last.mean() - rotation * current.mean() };
         let whole = current.is_whole() && last.is_whole();
         let first = if whole { by_means(self.step_back.rotation) } else { self.step_back };
-        let to_last =
-            [first, by_means(Mat3::identity())].iter().find_map(|start| align(current, last, start, noise, step).filter(is_same))?;
+        let spread = self.spread.value();
+        let aligned = |target: &Cloud, start: &Motion| {
+            let found = align(current, target, start, noise, step)?;
+            let badness = found.chi_square / spread;
+            (found.overlap >= SAME && badness < WRONG).then_some((found, badness))
+        };
+        let mut to_last = aligned(last, &first);
+        if to_last.as_ref().is_none_or(|(_, badness)| *badness > DOUBTFUL) {
+            let again = aligned(last, &by_means(Mat3::identity()));
+            to_last = [to_last, again].into_iter().flatten().min_by(|a, b| a.1.total_cmp(&b.1));
+        }
+        let (to_last, badness) = to_last?;
         let start = self.key_from_last.after(&to_last.target_from_source);
-        let to_key = if let Some(to_key) = align(current, key, &start, noise, step).filter(is_same) {
+        let to_key = if let Some((to_key, _)) = aligned(key, &start).filter(|found| found.1 < DOUBTFUL * badness.max(1.0)) {
             to_key
         } else {
             // It has turned away from its keyframe within one frame: the last view takes the keyframe's place.
             self.reference = self.key_from_last.inverse().of(&self.reference);
+            self.key_from_last = Motion::identity();
             key.copy_from(last);
             to_last
         };
+        self.spread.learn(to_key.chi_square);
         let detection = self.detection(current, &to_key, camera)?;
         let middle = current.mean();
         let seconds = seconds_between(self.measured_ns, now_ns);
@@ -158,8 +174,4 @@ impl Shape {
 /// Pixels of a view as they would be at a depth of 1 m.
 fn area(view: &Cloud) -> f64 {
     f64::from(view.pixels()) * view.mean().z * view.mean().z
-}
-
-fn is_same(alignment: &Alignment) -> bool {
-    alignment.overlap >= SAME && alignment.chi_square < ALIKE
 }
