@@ -25,6 +25,7 @@ from ._physinc import (
     PlaneFit,
     Position,
     Reconnected,
+    ScaleFit,
     SphereFit,
     Stream,
     StreamEnded,
@@ -36,7 +37,17 @@ from ._physinc import (
     VideoFrame,
     __version__,
 )
-from .arrays import Law, accelerations, find_inconsistencies, fit_flight, fit_planes, fit_sphere, solve_contact
+from .arrays import (
+    Law,
+    accelerations,
+    find_inconsistencies,
+    fit_flight,
+    fit_planes,
+    fit_scale,
+    fit_sphere,
+    solve_contact,
+    split_flights,
+)
 from .config import (
     AssumeConfig,
     CameraConfig,
@@ -110,6 +121,7 @@ __all__ = [
     "Reconnected",
     "RecordingError",
     "RecordingNotFoundError",
+    "ScaleFit",
     "SphereFit",
     "Stream",
     "StreamEnded",
@@ -126,8 +138,10 @@ __all__ = [
     "find_inconsistencies",
     "fit_flight",
     "fit_planes",
+    "fit_scale",
     "fit_sphere",
     "solve_contact",
+    "split_flights",
     "stream",
     "unpack_disparity",
 ]

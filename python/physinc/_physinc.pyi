@@ -28,6 +28,7 @@ __all__ = [
     "Position",
     "Reconnected",
     "Recording",
+    "ScaleFit",
     "SphereFit",
     "Stream",
     "StreamEnded",
@@ -44,13 +45,17 @@ __all__ = [
     "find_inconsistencies",
     "fit_flight",
     "fit_planes",
+    "fit_scale",
     "fit_sphere",
     "open_iterable",
     "open_recording",
     "open_source",
+    "read_positions",
     "scenes",
     "simulate",
     "solve_contact",
+    "split_flights",
+    "truth",
     "unpack_disparity",
 ]
 
@@ -784,6 +789,7 @@ class Track:
     def predict(self, t: float | None = None, *, timestamp_ns: int | None = None) -> tuple[_Array, _Array]:
         """Where it will be by the laws of physics: center [3] (m, world) and covariance [3, 3] (m²).
 
+        Where the environment is known, it bounces off what it meets there and rolls where it bounces no more.
         `t` is in seconds on the stream's clock, `timestamp_ns` the same in ns.
         """
 
@@ -939,6 +945,27 @@ class FlightFit:
 
         Raises ValueError where `t` or the prediction isn't finite, and what a callable law raises.
         """
+
+@final
+class ScaleFit:
+    """Metres per unit of a trajectory that was known up to scale."""
+
+    __match_args__ = ("scale", "sd", "gravity_direction", "residual_sd", "dof")
+    @property
+    def scale(self) -> float:
+        """Metres per unit."""
+    @property
+    def sd(self) -> float:
+        """Standard deviation of `scale`, metres per unit."""
+    @property
+    def gravity_direction(self) -> _Array:
+        """Where gravity pulls: unit vector [3] in the trajectory's own axes."""
+    @property
+    def residual_sd(self) -> float:
+        """Standard deviation of the positions about the flight, units an axis."""
+    @property
+    def dof(self) -> int:
+        """Numbers measured, less those that were found out."""
 
 @final
 class Inconsistencies:
@@ -1109,11 +1136,17 @@ def open_recording(
 ) -> Recording: ...
 def simulate(scene: str, out: str | os.PathLike[str]) -> tuple[int, int, int]: ...
 def scenes() -> list[str]: ...
+def truth(scene: str) -> str: ...
+def read_positions(path: str | os.PathLike[str]) -> tuple[_Array, _Array, list[int]]: ...
 def accelerations(t: ArrayLike, positions: ArrayLike) -> _Array: ...
 def fit_sphere(points: ArrayLike, radius: float | None) -> SphereFit | None: ...
 def fit_flight(
     t: ArrayLike, positions: ArrayLike, law: Any, gravity: Any, drag: Any, sd: float | None, covariance: ArrayLike | None
 ) -> FlightFit | None: ...
+def fit_scale(
+    t: ArrayLike, positions: ArrayLike, gravity: float, drag: Any, sd: float | None, covariance: ArrayLike | None
+) -> ScaleFit | str: ...
+def split_flights(t: ArrayLike, positions: ArrayLike) -> list[tuple[int, int]]: ...
 def find_inconsistencies(
     t: ArrayLike,
     positions: ArrayLike,

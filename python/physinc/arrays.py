@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _physinc
-from ._physinc import Contact, ContactFit, FlightFit, Inconsistencies, PlaneFit, SphereFit
+from ._physinc import Contact, ContactFit, FlightFit, Inconsistencies, PlaneFit, ScaleFit, SphereFit
 from .config import Config, LawsConfig, ObjectConfig
 
 Method: TypeAlias = Literal["best", "paper"]
@@ -80,6 +80,38 @@ def fit_flight(
     `None` where no flight is found (a law too wild to converge). Least squares of Eq. 5 over the whole history, the f of Eq. 2.
     """
     return _physinc.fit_flight(t, positions, law, _beside(law, gravity), _drag(drag), sd, covariance)
+
+
+def split_flights(t: ArrayLike, positions: ArrayLike) -> list[slice]:
+    """Find the flights in a motion of which neither unit nor gravity is known: what lies between two kicks, as slices of `positions`.
+
+    A flight has at least 6 positions, and a kick must be plain beside the noise, which third differences tell: fewer than 8 positions are
+    taken for one flight.
+    """
+    return [slice(*flight) for flight in _physinc.split_flights(t, positions)]
+
+
+def fit_scale(
+    t: ArrayLike,
+    positions: ArrayLike,
+    *,
+    gravity: float = 9.81,
+    drag: Drag = None,
+    sd: float | None = None,
+    covariance: ArrayLike | None = None,
+) -> ScaleFit | None:
+    """Find the metres per unit of a flight that is known up to scale, as structure from motion knows it, from |a| = g (sec. 3.1).
+
+    `positions` [N, 3] are in any unit and any inertial axes: where gravity pulls is found along. `drag` is in metres, as in `fit_flight`
+    (0 for none), so the two are found by turns. The σ of the scale is that of the noise; the size of `gravity` (m/s²; on Earth within
+    0.3 % of 9.81) and the drag are taken for exact.
+
+    Noise: `sd` (units an axis) or `covariance` [3, 3] or [N, 3, 3] (units²), widened where the flight fits worse; without either the
+    residuals tell it, which takes 6 positions instead of 4. `None` where no flight is seen: a constant velocity, a touch in between
+    (`split_flights` parts there), a motion of its own.
+    """
+    found = _physinc.fit_scale(t, positions, gravity, _drag(drag), sd, covariance)
+    return None if isinstance(found, str) else found
 
 
 def find_inconsistencies(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,9 +15,13 @@ from ._physinc import open_recording
 from ._physinc import simulate as simulate_scene
 from .device_commands import devices, doctor
 from .errors import ConfigError, DeviceDisconnectedError, DeviceNotFoundError, PhysincError
+from .interrupting import interruptible
 from .level import Level, gravity_of
+from .level_command import level as level_camera
 from .motor_commands import led, tilt
-from .narration import Narration, Progress
+from .narration import Narration, Progress, remark
+from .reproduce_command import reproduce
+from .scale_command import scale
 from .streaming import open_named, path_of
 
 app = App(
@@ -124,16 +127,7 @@ def run(
         tum=tum,
         timeout=timeout,
     )
-    interrupted = False
-
-    def interrupt(*_: Any) -> None:
-        nonlocal interrupted
-        interrupted = True
-        stream.interrupt()
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-    signal.signal(signal.SIGINT, interrupt)
-    try:
+    with interruptible(stream, source) as interruption:
         if json:
             for event in stream:
                 sys.stdout.write(event.to_json() + "\n")
@@ -143,16 +137,7 @@ def run(
             for event in stream:
                 narration.tell(event)
             narration.close(stream.busy)
-    finally:
-        stream.close()
-        remark(source, stream.remarks)
-    return 130 if interrupted else 0
-
-
-def remark(source: str, remarks: list[str]) -> None:
-    """Tell on stderr what the user should know of a source."""
-    for line in remarks:
-        sys.stderr.write(f"physinc: {source}: {line}\n")
+    return 130 if interruption.came else 0
 
 
 @app.command
@@ -221,7 +206,7 @@ def simulate(scene: str, out: Path, /) -> int:
     return 0
 
 
-for command in (tilt, led, devices, doctor):
+for command in (level_camera, scale, reproduce, tilt, led, devices, doctor):
     app.command(command)
 
 

@@ -101,7 +101,8 @@ class AssumeConfig:
     """`[assume]`: what is taken for granted."""
 
     camera: Literal["static", "tilted", "moving", "unknown"] | None = None
-    """Left out: `static` where `world_from_camera` is given, else `tilted`; the others are not in this version."""
+    """Left out: `static` where `world_from_camera` is given, else `tilted`: fixed, gravity's direction to be found. `moving`: orientation as
+    configured, translation free (`camera_motion`). `unknown`: both free. Where it moves there is no background, and no contact is looked for."""
     scene: Literal["known", "unknown"] = "unknown"
     """Whether the environment is all there is."""
     objects: Literal["passive", "unknown"] = "passive"
@@ -150,14 +151,14 @@ class KnownSphere:
 
 @dataclass(frozen=True)
 class KnownMesh:
-    """A known mesh; not in this version."""
+    """A known mesh: a closed surface, its triangles counter-clockwise as seen from outside."""
 
     path: str
-    """File, relative to the configuration."""
+    """File (OBJ, STL or PLY, units metres), relative to the configuration's; of a dict or dataclass, to the working directory."""
     name: str = ""
     """What to call it."""
     pose: Matrix | None = None
-    """Pose in the world, 4 rows of 4, rigid."""
+    """Pose in the world, 4 rows of 4, rigid; left out: the mesh is in world coordinates."""
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -53,7 +54,7 @@ class Progress:
     def _line(self) -> str:
         of = f" of {self.frames}" if self.frames is not None else ""
         seconds = (self.newest_ns - self.start_ns) * 1e-9
-        lost = _count(self.lost, "packet")
+        lost = count(self.lost, "packet")
         return escape(f"{self.out}: {self.count}{of} frames, {seconds:.1f} s, {lost} lost, {self.bytes / 1e6:.1f} MB")
 
 
@@ -99,7 +100,7 @@ class Narration:
         match event:
             case p.LevelDisagreement():
                 angle = f"{math.degrees(event.angle):.1f}{_sd(event.sd, 180 / math.pi, 1)}°"
-                self._line(event.timestamp_ns, f"[yellow]the accelerometer is {angle} off what {_count(event.flights, 'flight')} show[/]")
+                self._line(event.timestamp_ns, f"[yellow]the accelerometer is {angle} off what {count(event.flights, 'flight')} show[/]")
             case p.Gap():
                 self.lost += event.frames or 0
                 if event.reason == "packets_lost" and not event.frames:
@@ -119,7 +120,7 @@ class Narration:
             size = float(np.linalg.norm(self.orientation.gravity_in_camera))
             # Positions come in the world: there is no camera to be turned.
             camera = "" if self.camera is None else f"camera: roll {roll:.2f}°, pitch {pitch:.2f}°; "
-            self.console.print(f"{camera}gravity {size:.3f} m/s², of {_count(self.orientation.flights, 'flight')}")
+            self.console.print(f"{camera}gravity {size:.3f} m/s², of {count(self.orientation.flights, 'flight')}")
         if self.ended is not None:
             counters = self.ended.counters
             rate = f", {busy / counters.frames * 1e6:.0f} µs a frame" if counters.frames else ""
@@ -128,7 +129,7 @@ class Narration:
             lost, holed = counters.packets_lost, counters.frames_incomplete
             packets = f", {lost} of {counters.packets + lost} packets lost, {holed} frames with holes" if lost else ""
             frames = f"{counters.frames} frames, {self.lost} lost{dropped}{packets}{rate}"
-            self.console.print(f"{_count(self.bounces, 'bounce')}, {_count(len(surfaces), 'surface')}; {frames}{reason}")
+            self.console.print(f"{count(self.bounces, 'bounce')}, {count(len(surfaces), 'surface')}; {frames}{reason}")
 
     def _line(self, time_ns: int, text: str) -> None:
         self.console.print(f"{(time_ns - self.start_ns) * 1e-9:9.4f} s  {text}")
@@ -150,7 +151,7 @@ class Narration:
         restitutions = [e for contact, e in self.restitutions if self._merged(contact) == surface.id]
         if restitutions:
             parts.append(f"restitution {np.mean(restitutions):.3f}")
-        parts.append(_count(surface.contacts, "bounce"))
+        parts.append(count(surface.contacts, "bounce"))
         return ", ".join(parts)
 
     def _name(self, surface: int) -> str:
@@ -188,5 +189,12 @@ def _sd(sd: float | None, scale: float, digits: int) -> str:
     return "" if sd is None else f" ± {sd * scale:.{digits}f}"
 
 
-def _count(n: int, noun: str) -> str:
+def count(n: int, noun: str) -> str:
+    """`1 flight`, `2 flights`."""
     return f"{n} {noun}{'' if n == 1 else 's'}"
+
+
+def remark(source: str, remarks: list[str]) -> None:
+    """Tell on stderr what the user should know of a source."""
+    for line in remarks:
+        sys.stderr.write(f"physinc: {source}: {line}\n")

@@ -3,8 +3,8 @@
 use crate::config::{Config, Shape};
 use crate::detect::{Blob, Detection};
 use crate::geometry::camera::{Camera, Pose};
-use crate::math::{ceil, floor, sqrt};
-use crate::reasoning::{Predictor, Reasoning};
+use crate::math::{Mat3, Vec3, ceil, floor, sqrt};
+use crate::reasoning::Reasoning;
 use crate::seeing::{Area, Band};
 use crate::time::{after, seconds_between};
 use crate::track::association::TRACKS;
@@ -49,7 +49,8 @@ impl Attention {
         let pose = reasoning.world_from_camera();
         let mut bands: Vec<Band, TRACKS> = Vec::new();
         for predictor in reasoning.predictors() {
-            let Some(band) = self.band(timestamp_ns, camera, &pose, &predictor) else { return Vec::new() };
+            let there = |time_ns: i64| predictor.predict_among(reasoning.environment(), time_ns);
+            let Some(band) = self.band(timestamp_ns, camera, &pose, there) else { return Vec::new() };
             let _ = bands.push(band);
         }
         bands.sort_unstable_by_key(|band| band.area.rows.start);
@@ -69,10 +70,11 @@ impl Attention {
         if pixels as f64 > MOST * (camera.width * camera.height) as f64 { Vec::new() } else { apart }
     }
 
-    fn band(&self, timestamp_ns: i64, camera: &Camera, pose: &Pose, predictor: &Predictor) -> Option<Band> {
+    /// For the object whose center and covariance at a time (ns) `there` tells.
+    fn band(&self, timestamp_ns: i64, camera: &Camera, pose: &Pose, there: impl Fn(i64) -> (Vec3, Mat3)) -> Option<Band> {
         let row_time = camera.readout / (camera.height as f64 - 1.0).max(1.0);
         let at = |time_ns: i64| {
-            let (center, covariance) = predictor.predict(time_ns);
+            let (center, covariance) = there(time_ns);
             let center = pose.to_camera(&center);
             let pixel = camera.project(&center)?;
             Some((pixel, (GATE * sqrt(covariance.trace()) + self.radius) / center.z))

@@ -1,6 +1,7 @@
 //! What the user may tell: plain structs with defaults that work, the same keys in TOML and in Python.
 
 use crate::error::ConfigError;
+use crate::geometry::environment::SharedMesh;
 use heapless::{String, Vec};
 
 #[cfg(feature = "std")]
@@ -189,14 +190,17 @@ section! {
 }
 
 section! {
-    /// A known mesh.
+    /// A known mesh: a closed surface, its triangles counter-clockwise as seen from outside.
     KnownMesh {
         /// What to call it.
         name: Name = Name::new(),
-        /// File, relative to the configuration.
+        /// File (OBJ, STL or PLY, units metres), relative to the configuration's, or where there is none to the working directory.
         path: String<256> = String::new(),
-        /// Pose in the world, 4 rows of 4, rigid.
+        /// Pose in the world, 4 rows of 4, rigid; left out: the mesh is in world coordinates.
         pose: Option<[[f64; 4]; 4]> = None,
+        /// What the file holds; `config_file` reads it.
+        #[cfg_attr(feature = "std", serde(skip))]
+        solid: Option<SharedMesh> = None,
     }
 }
 
@@ -271,6 +275,13 @@ choice! {
     }
 }
 
+impl CameraAssumption {
+    /// Whether the camera's place is free.
+    pub fn moves(self) -> bool {
+        matches!(self, Self::Moving | Self::Unknown)
+    }
+}
+
 /// One radius, or one for each kind of ball, m.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "std", derive(Serialize, Deserialize), serde(untagged, expecting = "expected a number, or a list of up to 4"))]
@@ -313,6 +324,16 @@ fn unit(key: &'static str, values: &[f64]) -> Result<(), ConfigError> {
     within(key, square, 1.0 - 1e-6, 1.0 + 1e-6, "a vector of length 1 (the value shown is its length squared)")
 }
 
+/// `Ok` for a pose that is one, or none.
+fn rigid(key: &'static str, pose: Option<&[[f64; 4]; 4]>) -> Result<(), ConfigError> {
+    match pose {
+        Some(pose) if crate::geometry::camera::Pose::from_rows(pose).is_none() => {
+            Err(ConfigError { key, value: f64::NAN, expected: "4 rows of 4, a rotation and a translation" })
+        }
+        _ => Ok(()),
+    }
+}
+
 impl CameraConfig {
     /// # Errors
     /// The first key whose value can't be.
@@ -338,15 +359,7 @@ impl CameraConfig {
                 });
             }
         }
-        if let Some(pose) = &self.world_from_camera
-            && crate::geometry::camera::Pose::from_rows(pose).is_none()
-        {
-            return Err(ConfigError {
-                key: "camera.world_from_camera",
-                value: f64::NAN,
-                expected: "4 rows of 4, a rotation and a translation",
-            });
-        }
+        rigid("camera.world_from_camera", self.world_from_camera.as_ref())?;
         if let Some(gravity) = &self.gravity_in_camera {
             finite("camera.gravity_in_camera", gravity)?;
             let size = crate::math::Vec3::from(*gravity).norm();
@@ -402,13 +415,7 @@ impl Config {
         let to_come = [
             (self.laws.law != LawName::FreeFall, "laws.law", "\"free_fall\", the only law in this version"),
             (self.laws.magnus, "laws.magnus", "false: this version has no Magnus force"),
-            (
-                matches!(self.assume.camera, Some(CameraAssumption::Moving | CameraAssumption::Unknown)),
-                "assume.camera",
-                "\"static\" or \"tilted\": this version has no moving cameras",
-            ),
             (self.assume.objects == ObjectsAssumption::Unknown, "assume.objects", "\"passive\": this version has no objects with a motor"),
-            (!self.environment.mesh.is_empty(), "environment.mesh", "planes, boxes and spheres: this version has no meshes"),
         ];
         match to_come.into_iter().find(|(asked, ..)| *asked) {
             Some((_, key, expected)) => Err(ConfigError { key, value: f64::NAN, expected }),
@@ -457,6 +464,13 @@ impl EnvironmentConfig {
         for sphere in &self.sphere {
             finite("environment.sphere.center", &sphere.center)?;
             within("environment.sphere.radius", sphere.radius, 1e-6, 1e4, "1e-6 to 10000 m")?;
+        }
+        for mesh in &self.mesh {
+            rigid("environment.mesh.pose", mesh.pose.as_ref())?;
+            if mesh.solid.is_none() {
+                let expected = "a mesh that is read (`config_file::read_meshes` does; without `std` there are none)";
+                return Err(ConfigError { key: "environment.mesh.path", value: f64::NAN, expected });
+            }
         }
         Ok(())
     }

@@ -2,10 +2,12 @@
 
 use crate::config::{CameraConfig, Config};
 use crate::error::ConfigError;
+use crate::mesh_file::{self, MeshFileError};
 use serde::de::DeserializeOwned;
 use std::format;
 use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
+use std::sync::Arc;
 
 /// What is wrong with a configuration, and where.
 #[derive(Debug, thiserror::Error)]
@@ -34,6 +36,14 @@ pub enum ConfigFileError {
         /// Key, value and what is expected.
         error: ConfigError,
     },
+    /// A known mesh can't be had.
+    #[error("{place}: environment.mesh.path: {error}")]
+    Mesh {
+        /// File and line, or whatever else gave the configuration.
+        place: String,
+        /// What is wrong with the mesh's own file.
+        error: MeshFileError,
+    },
 }
 
 /// A configuration file.
@@ -42,9 +52,31 @@ pub enum ConfigFileError {
 /// What is wrong with it, in one line.
 pub fn read_config(path: &Path) -> Result<Config, ConfigFileError> {
     let text = read(path)?;
-    let config: Config = parse(path, &text)?;
+    let mut config: Config = parse(path, &text)?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    read_meshes(&mut config, folder, |named| {
+        let line = text.lines().position(|line| line.contains("path") && line.contains(named));
+        place(path, line)
+    })?;
     config.validate().map_err(|error| impossible(path, &text, error))?;
     Ok(config)
+}
+
+/// Reads the meshes that `config` names, relative to `folder`; `place` says where one is named. Their paths are whole from then on, where
+/// there is room for that, so that the configuration means the same wherever it is written.
+///
+/// # Errors
+/// What is wrong with one of them, in one line.
+pub fn read_meshes(config: &mut Config, folder: &Path, place: impl Fn(&str) -> String) -> Result<(), ConfigFileError> {
+    for mesh in &mut config.environment.mesh {
+        let path = folder.join(mesh.path.as_str());
+        let solid = mesh_file::read(&path).map_err(|error| ConfigFileError::Mesh { place: place(&mesh.path), error })?;
+        mesh.solid = Some(Arc::new(solid));
+        if let Some(whole) = std::path::absolute(path).ok().and_then(|path| path.to_str().and_then(|path| path.parse().ok())) {
+            mesh.path = whole;
+        }
+    }
+    Ok(())
 }
 
 /// A `camera.toml`.
@@ -136,12 +168,48 @@ mod tests {
         for (text, key) in [
             ("[laws]\nlaw = \"auto\"", "laws.law"),
             ("[laws]\nmagnus = true", "laws.magnus"),
-            ("[assume]\ncamera = \"moving\"", "assume.camera"),
             ("[assume]\nobjects = \"unknown\"", "assume.objects"),
-            ("[[environment.mesh]]\npath = \"a.obj\"", "environment.mesh"),
         ] {
             assert!(message(text).contains(key), "{text}: {}", message(text));
         }
+    }
+
+    #[test]
+    fn an_unknown_shape_is_told_which_there_are() {
+        let told = message("[[environment.cone]]\nradius = 1.0");
+        assert!(
+            told.starts_with("c.toml:1: `[[environment.cone]]`: unknown field `cone`, expected one of `plane`, `box`, `sphere`, `mesh`"),
+            "{told}"
+        );
+    }
+
+    #[test]
+    fn a_mesh_is_read_from_beside_its_configuration() {
+        let folder = std::env::temp_dir().join(format!("physinc-meshes-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let (config, mesh) = (folder.join("c.toml"), folder.join("m.obj"));
+        let told = |text: &str| {
+            std::fs::write(&config, text).unwrap();
+            read_config(&config)
+        };
+        let named = "[object]\n[[environment.mesh]]\nname = \"table\"\npath = \"m.obj\"\n";
+        let absent = told(named).unwrap_err().to_string();
+        assert!(absent.contains("c.toml:4: environment.mesh.path: ") && absent.contains("m.obj: No such file"), "{absent}");
+        let corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n";
+        std::fs::write(&mesh, format!("{corners}f 1 3 2\nf 1 2 4\nf 2 3 4\n")).unwrap();
+        let open = told(named).unwrap_err().to_string();
+        assert!(open.contains("c.toml:4") && open.contains("m.obj: it is not closed: 3 of its edges") && !open.contains('\n'), "{open}");
+        std::fs::write(&mesh, format!("{corners}f 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")).unwrap();
+        let read = told(named).unwrap();
+        assert_eq!(read.environment.mesh[0].solid.as_ref().unwrap().len(), 4);
+        // What is in force means the same elsewhere.
+        assert_eq!(told(&to_toml(&read).unwrap()).unwrap(), read);
+        let scaled = told(&format!("{named}pose = [[2.0,0.0,0.0,0.0],[0.0,2.0,0.0,0.0],[0.0,0.0,2.0,0.0],[0.0,0.0,0.0,1.0]]")).unwrap_err();
+        assert!(
+            scaled.to_string().ends_with("c.toml:5: environment.mesh.pose: expected 4 rows of 4, a rotation and a translation"),
+            "{scaled}"
+        );
+        std::fs::remove_dir_all(&folder).unwrap();
     }
 
     #[test]

@@ -203,6 +203,7 @@ impl<'b> Engine<'b> {
             })
             .collect();
         tell_gaps(gaps, timestamp_ns, sink);
+        self.reasoning.see_structure(seeing.structure(&pose));
         self.reasoning.push(timestamp_ns, frame, &measured, sink);
         self.attention.saw(timestamp_ns, whole, &detections, self.reasoning.tracks());
         Ok(())
@@ -240,6 +241,11 @@ impl<'b> Engine<'b> {
     pub fn predictors(&self) -> impl Iterator<Item = Predictor> + '_ {
         self.reasoning.predictors()
     }
+
+    /// What is known of the scene.
+    pub fn environment(&self) -> &Environment {
+        self.reasoning.environment()
+    }
 }
 
 #[cfg(feature = "std")]
@@ -268,7 +274,13 @@ impl Engine<'static> {
 /// What sees the images of `camera`; with a known scene, before that scene.
 fn see<'b>(config: &Config, camera: &Camera, buffers: Buffers<'b>) -> Result<Seeing<'b>, ConfigError> {
     config.validate()?;
-    let mut seeing = Seeing::new(camera, &config.object, config.tracking.background_frames, buffers)?;
+    let moves = config.camera_assumption(camera.pose.is_some()).moves();
+    // What stands still does so for a camera that does.
+    let background_frames = if moves { 0 } else { config.tracking.background_frames };
+    let mut seeing = Seeing::new(camera, &config.object, background_frames, buffers)?;
+    if moves {
+        seeing.watch_structure();
+    }
     if config.assume.scene == SceneAssumption::Known {
         let expected = "\"unknown\", or a camera whose world_from_camera is told";
         let pose = camera.pose.ok_or(ConfigError { key: "assume.scene", value: f64::NAN, expected })?;

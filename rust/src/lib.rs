@@ -58,6 +58,8 @@ pub mod event;
 pub mod geometry;
 pub mod kinect;
 pub mod math;
+#[cfg(feature = "std")]
+pub mod mesh_file;
 pub mod physics;
 #[cfg(feature = "python")]
 mod python;

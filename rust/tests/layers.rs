@@ -27,7 +27,8 @@ const LAYERS: &[(&str, &[&str])] = &[
         "source",
         &["kinect", "stream", "capture", "geometry", "config_file", "seeing::Image", "seeing::SeeError", "track::Measurement", "sim"],
     ),
-    ("config_file", &["geometry"]),
+    ("mesh_file", &["geometry"]),
+    ("config_file", &["geometry", "mesh_file"]),
     ("run", &["kinect::disparity", "geometry", "engine", "reasoning::Predictor", "seeing", "source"]),
     // Never an estimator: it makes what estimators are judged by.
     ("sim", &["geometry", "kinect", "capture"]),

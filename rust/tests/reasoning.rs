@@ -57,11 +57,11 @@ proptest! {
     fn any_positions_give_wellformed_events(
         steps in prop::collection::vec((step(), prop::collection::vec(one(), 0..4)), 1..80),
         paper in any::<bool>(),
-        tilted in any::<bool>(),
+        camera in prop::sample::select(vec![None, Some(CameraAssumption::Tilted), Some(CameraAssumption::Moving), Some(CameraAssumption::Unknown)]),
     ) {
         let mut config = Config::default();
         config.laws.method = if paper { Method::Paper } else { Method::Best };
-        config.assume.camera = tilted.then_some(CameraAssumption::Tilted);
+        config.assume.camera = camera;
         let mut stamp = 0i64;
         let inputs: Vec<_> = steps.into_iter().map(|(step, positions)| {
             stamp = stamp.wrapping_add(step);

@@ -25,9 +25,8 @@ const CHUNK: usize = 128;
 pub type Stranger = [u16; 2];
 
 /// Learns the farthest but one reading of each pixel. A ball that rolls through is nearer than what it hides, so it can't burn in, and a
-/// single wild reading is left out. Both slices hold key + 1, and 0 where there was no reading.
-pub fn learn<S: Sample>(samples: &[S], coding: &Coding, second: &mut [u16], farthest: &mut [u16]) {
-    let beyond = first_key_beyond::<S>(coding);
+/// single wild reading is left out. Both slices hold key + 1, and 0 where there was no reading. `beyond` is [`first_key_beyond`].
+pub fn learn<S: Sample>(samples: &[S], coding: &Coding, beyond: u16, second: &mut [u16], farthest: &mut [u16]) {
     widest(
         #[inline(always)]
         || {
@@ -53,10 +52,18 @@ pub fn limit<S: Sample>(coding: &Coding, frames: u32, limits: &mut [u16], shown:
         }
         last.1
     };
-    for (second, farthest) in limits.iter_mut().zip(shown) {
-        let learned = if frames < 3 { *farthest } else { *second };
-        let background = learned.checked_sub(1).and_then(|key| Some((key, margin(key)?)));
-        (*second, *farthest) = background.map_or((beyond, beyond), |(key, margin)| (key.saturating_sub(margin), key));
+    for (limits, shown) in limits.chunks_mut(CHUNK).zip(shown.chunks_mut(CHUNK)) {
+        // Where nothing was seen at all, it was so side by side.
+        if shown.iter().fold(0, |any, key| any | key) == 0 {
+            limits.fill(beyond);
+            shown.fill(beyond);
+            continue;
+        }
+        for (second, farthest) in limits.iter_mut().zip(shown) {
+            let learned = if frames < 3 { *farthest } else { *second };
+            let background = learned.checked_sub(1).and_then(|key| Some((key, margin(key)?)));
+            (*second, *farthest) = background.map_or((beyond, beyond), |(key, margin)| (key.saturating_sub(margin), key));
+        }
     }
 }
 
@@ -163,7 +170,7 @@ mod tests {
         let camera = Camera::from_config(&CameraConfig::default(), DepthCode::Depth { units_per_metre: 1000.0 }).unwrap();
         let coding = Coding::new(&camera);
         let (mut limit_, mut shown, mut stranger) = ([0], [0], [[0; 2]]);
-        (0..15).for_each(|_| learn(&[2000_u16], &coding, &mut limit_, &mut shown));
+        (0..15).for_each(|_| learn(&[2000_u16], &coding, first_key_beyond::<u16>(&coding), &mut limit_, &mut shown));
         limit::<u16>(&coding, 15, &mut limit_, &mut shown);
         let look = |(sample, kept): (u16, bool)| {
             let columns = 0..usize::from(kept);

@@ -5,14 +5,18 @@
 
 use crate::math::{Mat3, Vec3};
 use crate::physics::Sample;
-use crate::physics::accumulator::{Accumulator, Solution};
+use crate::physics::accumulator::{Accumulator, Estimate};
 use crate::physics::flight::{Flight, VELOCITY_SD};
 use crate::physics::gravity::Gravity;
 use crate::physics::law::{Law, State};
-use nalgebra::{SMatrix, SVector};
+use crate::physics::moments::{Moments, Pulls, add_powers};
+use nalgebra::SMatrix;
 
 /// Unknowns of a contact: center, velocity before, velocity after (three each), time, gravity (three).
 const UNKNOWNS: usize = 13;
+const CENTER: usize = 0;
+const BEFORE: usize = 3;
+const AFTER: usize = 6;
 const TIME: usize = 9;
 const GRAVITY: usize = 10;
 
@@ -115,25 +119,28 @@ impl Solver<'_> {
             log_evidence: f64::NEG_INFINITY,
             counts: [before.len(), after.len()],
         };
-        let mut spread = self.gravity.spread();
+        let (mut spread, mut solution) = (self.gravity.spread(), None);
         for _ in 0..12 {
-            let solution = self.step(samples, &mut contact, normal, spread)?;
-            spread = solution.covariance.fixed_view::<3, 3>(GRAVITY, GRAVITY).trace() / 3.0;
-            let moved = solution.mean[TIME].abs();
-            // A time outside the two neighbours is no contact of these two flights.
-            contact.time = (contact.time + solution.mean[TIME]).clamp(last - self.duration - 0.01, first + 0.01);
-            contact.center = solution.mean.fixed_rows::<3>(0).into();
-            contact.before = solution.mean.fixed_rows::<3>(3).into();
-            contact.after = solution.mean.fixed_rows::<3>(6).into();
-            contact.gravity = solution.mean.fixed_rows::<3>(GRAVITY).into();
-            contact.covariance = solution.covariance.fixed_view::<9, 9>(0, 0).into();
-            contact.time_sd = crate::math::sqrt(solution.covariance[(TIME, TIME)]);
-            contact.chi2 = solution.chi2;
-            contact.log_evidence = solution.log_evidence;
-            if moved < 1e-7 {
+            let estimate = self.step(samples, &mut contact, normal, spread)?;
+            let before = contact.time;
+            // A time outside the two neighbours is no contact of these two flights: it stays there.
+            contact.time = (before + estimate.mean[TIME]).clamp(last - self.duration - 0.01, first + 0.01);
+            let unknown = |i: usize| -> Vec3 { estimate.mean.fixed_rows::<3>(i).into() };
+            (contact.center, contact.before, contact.after, contact.gravity) =
+                (unknown(CENTER), unknown(BEFORE), unknown(AFTER), unknown(GRAVITY));
+            if self.gravity.size.is_some() {
+                spread = estimate.covariance()?.fixed_view::<3, 3>(GRAVITY, GRAVITY).trace() / 3.0;
+            }
+            solution = Some(estimate);
+            if (contact.time - before).abs() < 1e-7 {
                 break;
             }
         }
+        let estimate = solution?;
+        let covariance = estimate.covariance()?;
+        contact.covariance = covariance.fixed_view::<9, 9>(0, 0).into();
+        contact.time_sd = crate::math::sqrt(covariance[(TIME, TIME)]);
+        (contact.chi2, contact.log_evidence) = (estimate.chi2, estimate.log_evidence);
         Some(contact)
     }
 
@@ -167,48 +174,98 @@ impl Solver<'_> {
     }
 
     /// One Gauss–Newton step: all unknowns absolute but the time, which is a correction.
-    fn step(&self, samples: &[Sample], c: &mut Contact, normal: Option<&Vec3>, spread: f64) -> Option<Solution<UNKNOWNS>> {
+    fn step(&self, samples: &[Sample], c: &mut Contact, normal: Option<&Vec3>, spread: f64) -> Option<Estimate<UNKNOWNS>> {
         let n = normal.copied().or_else(|| c.normal(RESTITUTION)).unwrap_or_else(Vec3::zeros);
         let along = (Mat3::identity() - n * n.transpose()) * (0.5 * self.duration);
-        let one = Mat3::identity();
         let mut fit = Accumulator::<UNKNOWNS>::default();
-        c.counts = [0, 0];
         let arrival = State { t: c.time, position: c.center, velocity: c.before };
-        let mut state = arrival;
-        for sample in samples.iter().rev().skip_while(|s| s.t + s.half_span > c.time) {
-            state = state.at(sample.t, self.law, &c.gravity);
-            let s = sample.t - arrival.t;
-            let linear = arrival.position + arrival.velocity * s + c.gravity * (0.5 * s * s);
-            let mut design = SMatrix::<f64, 3, UNKNOWNS>::zeros();
-            design.fixed_view_mut::<3, 3>(0, 0).copy_from(&one);
-            design.fixed_view_mut::<3, 3>(0, 3).copy_from(&(one * s));
-            design.fixed_view_mut::<3, 1>(0, TIME).copy_from(&-state.velocity);
-            design.fixed_view_mut::<3, 3>(0, GRAVITY).copy_from(&(one * (0.5 * s * s)));
-            fit.observe_design(&design, &(sample.position - (state.position - linear)), &sample.weight);
-            c.counts[0] += 1;
-        }
+        let before = Side::new(self.law, arrival, &c.gravity, samples.iter().rev().skip_while(|s| s.t + s.half_span > c.time));
+        before.tell(&mut fit, None);
         let departure = State { t: c.time + self.duration, position: c.center + along * (c.before + c.after), velocity: c.after };
-        let mut state = departure;
-        for sample in samples.iter().skip_while(|s| s.t - s.half_span < departure.t) {
-            state = state.at(sample.t, self.law, &c.gravity);
-            let s = sample.t - departure.t;
-            let linear = departure.position + departure.velocity * s + c.gravity * (0.5 * s * s);
-            let mut design = SMatrix::<f64, 3, UNKNOWNS>::zeros();
-            design.fixed_view_mut::<3, 3>(0, 0).copy_from(&one);
-            design.fixed_view_mut::<3, 3>(0, 3).copy_from(&along);
-            design.fixed_view_mut::<3, 3>(0, 6).copy_from(&(along + one * s));
-            design.fixed_view_mut::<3, 1>(0, TIME).copy_from(&-state.velocity);
-            design.fixed_view_mut::<3, 3>(0, GRAVITY).copy_from(&(one * (0.5 * s * s)));
-            fit.observe_design(&design, &(sample.position - (state.position - linear)), &sample.weight);
-            c.counts[1] += 1;
-        }
+        let after = Side::new(self.law, departure, &c.gravity, samples.iter().skip_while(|s| s.t - s.half_span < departure.t));
+        after.tell(&mut fit, Some(&along));
+        c.counts = [before.count, after.count];
         let wide = Mat3::from_diagonal_element(1.0 / (VELOCITY_SD * VELOCITY_SD));
         fit.expect_block(3, &Vec3::zeros(), &wide);
         fit.expect_block(6, &Vec3::zeros(), &wide);
         self.gravity.constrain(&mut fit, GRAVITY, &c.gravity, spread);
         // At an impact so slow that the time is hardly determined, the step stays a step.
-        fit.observe(&SVector::from_fn(|i, _| if i == TIME { 1.0 } else { 0.0 }), 0.0, 0.05);
-        fit.solve()
+        fit.expect(TIME, 0.0, 0.05);
+        fit.estimate()
+    }
+}
+
+/// What the samples on one side of a contact say of the flight there.
+struct Side {
+    moments: Moments,
+    points: Pulls,
+    /// Σ sᵏ W times how the point moves as the contact's time does, and that motion's weighted square and product with the points.
+    motions: [Vec3; 3],
+    motion: (f64, f64),
+    count: usize,
+}
+
+impl Side {
+    /// About the flight that begins or ends with `state`; `samples` go away from it.
+    fn new<'a>(law: &dyn Law, state: State, gravity: &Vec3, samples: impl Iterator<Item = &'a Sample>) -> Self {
+        let mut side =
+            Self { moments: Moments::default(), points: Pulls::default(), motions: [Vec3::zeros(); 3], motion: (0.0, 0.0), count: 0 };
+        let mut now = state;
+        for sample in samples {
+            now = now.at(sample.t, law, gravity);
+            let s = sample.t - state.t;
+            let linear = state.position + state.velocity * s + gravity * (0.5 * s * s);
+            let y = sample.position - (now.position - linear);
+            side.moments.add(s, &sample.weight);
+            side.points.add(s, &y, &sample.weight);
+            let pull = -(sample.weight * now.velocity);
+            add_powers(&mut side.motions, s, &pull);
+            side.motion.0 -= now.velocity.dot(&pull);
+            side.motion.1 += y.dot(&pull);
+            side.count += 1;
+        }
+        side
+    }
+
+    /// The side before a contact begins at its center with its velocity before; the one after begins `along` · (before + after) from there, with its
+    /// velocity after.
+    fn tell(&self, fit: &mut Accumulator<UNKNOWNS>, along: Option<&Mat3>) {
+        let weight = |k: usize, factor: f64| self.moments.weight(k) * factor;
+        // Of the position p, the velocity v and gravity g: information of one with the other.
+        let (pp, pv, vv, pg, vg) = (weight(0, 1.0), weight(1, 1.0), weight(2, 1.0), weight(2, 0.5), weight(3, 0.5));
+        let (p, v, [pt, vt, gt]) =
+            (self.points.powers[0], self.points.powers[1], [self.motions[0], self.motions[1], self.motions[2] * 0.5]);
+        fit.add_block(CENTER, CENTER, &pp);
+        fit.add_block(GRAVITY, CENTER, &pg);
+        fit.add_block(GRAVITY, GRAVITY, &weight(4, 0.25));
+        fit.pull(CENTER, &p);
+        fit.pull(GRAVITY, &(self.points.powers[2] * 0.5));
+        fit.pull_single(TIME, self.motion.1);
+        match along {
+            None => {
+                fit.add_block(BEFORE, CENTER, &pv);
+                fit.add_block(BEFORE, BEFORE, &vv);
+                fit.add_block(GRAVITY, BEFORE, &vg);
+                fit.add_single(TIME, self.motion.0, &[(CENTER, pt), (BEFORE, vt), (GRAVITY, gt)]);
+                fit.pull(BEFORE, &v);
+            }
+            Some(along) => {
+                let (ap, av) = (along * pp, along * pv);
+                fit.add_block(BEFORE, CENTER, &ap);
+                fit.add_block(BEFORE, BEFORE, &(ap * along));
+                fit.add_block(AFTER, CENTER, &(ap + pv));
+                fit.add_block(AFTER, BEFORE, &((ap + pv) * along));
+                fit.add_block(AFTER, AFTER, &(ap * along + av + av.transpose() + vv));
+                fit.add_block(GRAVITY, BEFORE, &(pg * along));
+                fit.add_block(GRAVITY, AFTER, &(pg * along + vg));
+                let at = along * pt;
+                fit.add_single(TIME, self.motion.0, &[(CENTER, pt), (BEFORE, at), (AFTER, at + vt), (GRAVITY, gt)]);
+                fit.pull(BEFORE, &(along * p));
+                fit.pull(AFTER, &(along * p + v));
+            }
+        }
+        fit.square(self.points.square);
+        self.moments.count(fit);
     }
 }
 

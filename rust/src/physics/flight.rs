@@ -2,9 +2,10 @@
 
 use crate::math::{Mat3, Vec3, sqrt};
 use crate::physics::Sample;
-use crate::physics::accumulator::Accumulator;
+use crate::physics::accumulator::{Accumulator, Estimate};
 use crate::physics::gravity::Gravity;
 use crate::physics::law::{Law, State};
+use crate::physics::moments::{Moments, Pulls};
 use nalgebra::{SMatrix, SVector};
 
 /// Standard deviation of a velocity that nothing is known of, m/s an axis.
@@ -40,23 +41,31 @@ impl Flight {
     /// The flight that explains `samples` (sorted by time) best under `law`, with what is known of gravity.
     /// `None` without samples, or where they are not finite.
     pub fn fit(law: &dyn Law, samples: &[Sample], gravity: &Gravity) -> Option<Self> {
-        let (mut flight, mut spread) = Self::start(samples, gravity)?;
-        // Drag bends by what the velocity is, gravity's size acts along what its direction is: twice is to a few µm.
+        let problem = Problem::new(law, samples, gravity);
+        let (mut flight, mut spread) = problem.start()?;
+        // Drag bends by what the velocity is: each step leaves less than a hundredth of what it moved. Gravity's size acts along what its
+        // direction is, which is slower.
+        let enough = if gravity.size.is_some() { 1e-6 } else { 1e-4 };
+        let mut last = None;
         for _ in 0..3 {
-            let step = flight.improve(law, samples, gravity, &mut spread)?;
-            if step.fixed_rows::<6>(0).norm() < 1e-6 {
+            let step = problem.improve(&mut flight, &mut spread, &mut last)?;
+            if step.fixed_rows::<6>(0).norm() < enough {
                 break;
             }
         }
+        flight.covariance = last?.covariance()?;
         Some(flight)
     }
 
     /// Like [`Flight::fit`], until no unknown moves by more than a thousandth of its standard deviation: for any law, and for gravity
     /// of which nothing is known. `None` also where that never happens.
     pub fn fit_fully(law: &dyn Law, samples: &[Sample], gravity: &Gravity) -> Option<Self> {
-        let (mut flight, mut spread) = Self::start(samples, gravity)?;
+        let problem = Problem::new(law, samples, gravity);
+        let (mut flight, mut spread) = problem.start()?;
+        let mut last = None;
         for _ in 0..60 {
-            let step = flight.improve(law, samples, gravity, &mut spread)?;
+            let step = problem.improve(&mut flight, &mut spread, &mut last)?;
+            flight.covariance = last.as_ref()?.covariance()?;
             let within = |i: usize| step[i] * step[i] <= 1e-6 * flight.covariance[(i, i)];
             if (0..9).all(within) {
                 return Some(flight);
@@ -88,39 +97,6 @@ impl Flight {
         flight
     }
 
-    /// Begins at the last sample.
-    fn start(samples: &[Sample], gravity: &Gravity) -> Option<(Self, f64)> {
-        let last = samples.last()?;
-        let flight = Self {
-            state: State { t: last.t, position: last.position, velocity: first_velocity(samples, &gravity.mean) },
-            gravity: gravity.mean,
-            covariance: SMatrix::zeros(),
-            chi2: 0.0,
-            log_evidence: 0.0,
-            count: samples.len(),
-        };
-        Some((flight, gravity.spread()))
-    }
-
-    /// One Gauss–Newton step, which is returned. `spread` is gravity's variance along one axis before, and then after it.
-    fn improve(&mut self, law: &dyn Law, samples: &[Sample], gravity: &Gravity, spread: &mut f64) -> Option<SVector<f64, 9>> {
-        let mut fit = self.observe(law, samples);
-        fit_priors(&mut fit, gravity, &self.gravity, *spread);
-        let solution = fit.solve()?;
-        let mut before = solution.mean;
-        before.fixed_rows_mut::<3>(0).copy_from(&self.state.position);
-        before.fixed_rows_mut::<3>(3).copy_from(&self.state.velocity);
-        before.fixed_rows_mut::<3>(6).copy_from(&self.gravity);
-        self.state.position = solution.mean.fixed_rows::<3>(0).into();
-        self.state.velocity = solution.mean.fixed_rows::<3>(3).into();
-        self.gravity = solution.mean.fixed_rows::<3>(6).into();
-        self.covariance = solution.covariance;
-        self.chi2 = solution.chi2;
-        self.log_evidence = solution.log_evidence;
-        *spread = solution.covariance.fixed_view::<3, 3>(6, 6).trace() / 3.0;
-        Some(solution.mean - before)
-    }
-
     /// How far the samples are from the flight, m, from the last to the first.
     pub fn residuals<'a>(&self, law: &'a dyn Law, samples: &'a [Sample]) -> impl Iterator<Item = Vec3> + 'a {
         let gravity = self.gravity;
@@ -130,24 +106,11 @@ impl Flight {
         })
     }
 
-    /// The normal equations of position, velocity (at the reference time) and gravity, linear about the present estimate.
-    fn observe(&self, law: &dyn Law, samples: &[Sample]) -> Accumulator<9> {
-        let mut fit = Accumulator::<9>::default();
-        let mut state = self.state;
-        for sample in samples.iter().rev() {
-            state = state.at(sample.t, law, &self.gravity);
-            let s = sample.t - self.state.t;
-            let linear = self.state.position + self.state.velocity * s + self.gravity * (0.5 * s * s);
-            // What the law bends beyond the linear model moves over to the measurement's side.
-            let y = sample.position - (state.position - linear);
-            fit.observe_point(&[1.0, s, 0.5 * s * s], &y, &sample.weight);
-        }
-        fit
-    }
-
     /// What these measurements say about gravity when nothing else is known: (information, information · g).
     pub fn gravity_information(&self, law: &dyn Law, samples: &[Sample]) -> Option<(Mat3, Vec3)> {
-        self.observe(law, samples).marginal(6)
+        let mut fit = weighed(samples).normal_equations();
+        observe(&mut fit, self, law, samples);
+        fit.marginal(6)
     }
 
     /// Where the object is at time `t` (s) by Eq. 2: f of its history and the law, with the history's uncertainty.
@@ -176,16 +139,94 @@ impl Flight {
     }
 }
 
-fn fit_priors(fit: &mut Accumulator<9>, gravity: &Gravity, direction: &Vec3, spread: f64) {
-    fit.expect_block(3, &Vec3::zeros(), &Mat3::from_diagonal_element(1.0 / (VELOCITY_SD * VELOCITY_SD)));
-    gravity.constrain(fit, 6, direction, spread);
+/// What a flight is fitted to.
+struct Problem<'a> {
+    law: &'a dyn Law,
+    samples: &'a [Sample],
+    gravity: &'a Gravity,
+    /// What is the same in each step: weights, times, and what was known before.
+    known: Accumulator<9>,
 }
 
-/// A velocity at the last sample to linearise about.
-fn first_velocity(samples: &[Sample], gravity: &Vec3) -> Vec3 {
-    let (Some(first), Some(last)) = (samples.first(), samples.last()) else { return Vec3::zeros() };
-    let span = last.t - first.t;
-    if span > 0.0 { (last.position - first.position) / span + gravity * (0.5 * span) } else { Vec3::zeros() }
+impl<'a> Problem<'a> {
+    fn new(law: &'a dyn Law, samples: &'a [Sample], gravity: &'a Gravity) -> Self {
+        let mut known = weighed(samples).normal_equations();
+        known.expect_block(3, &Vec3::zeros(), &Mat3::from_diagonal_element(1.0 / (VELOCITY_SD * VELOCITY_SD)));
+        known.expect_block(6, &gravity.mean, &gravity.information);
+        Self { law, samples, gravity, known }
+    }
+
+    /// A flight to linearise about, with gravity's variance along one axis.
+    fn start(&self) -> Option<(Flight, f64)> {
+        let (first, last, gravity) = (self.samples.first()?, self.samples.last()?, self.gravity.mean);
+        let span = last.t - first.t;
+        let mut velocity = Vec3::zeros();
+        if span > 0.0 {
+            let mean = (last.position - first.position) / span;
+            let middle = (last.position + first.position) * 0.5;
+            velocity = mean + self.law.acceleration(&gravity, last.t - 0.5 * span, &middle, &mean) * (0.5 * span);
+        }
+        let flight = Flight {
+            state: State { t: last.t, position: last.position, velocity },
+            gravity,
+            covariance: SMatrix::zeros(),
+            chi2: 0.0,
+            log_evidence: 0.0,
+            count: self.samples.len(),
+        };
+        Some((flight, self.gravity.spread()))
+    }
+
+    /// One Gauss–Newton step of `flight`, which is returned; `last` is the estimate before and then after it, and `spread` gravity's variance along
+    /// one axis.
+    fn improve(&self, flight: &mut Flight, spread: &mut f64, last: &mut Option<Estimate<9>>) -> Option<SVector<f64, 9>> {
+        let mut fit = self.known.clone();
+        observe(&mut fit, flight, self.law, self.samples);
+        self.gravity.constrain_size(&mut fit, 6, &flight.gravity, *spread);
+        // Only what is known of the size weighs differently in each step.
+        let estimate = match last.take().filter(|_| self.gravity.size.is_none()) {
+            Some(last) => fit.estimate_by(last.factor)?,
+            None => fit.estimate()?,
+        };
+        let mut step = estimate.mean;
+        for (i, unknown) in [(0, &mut flight.state.position), (3, &mut flight.state.velocity), (6, &mut flight.gravity)] {
+            let mut moved = step.fixed_rows_mut::<3>(i);
+            moved -= &*unknown;
+            *unknown = estimate.mean.fixed_rows::<3>(i).into();
+        }
+        (flight.chi2, flight.log_evidence) = (estimate.chi2, estimate.log_evidence);
+        if self.gravity.size.is_some() {
+            *spread = estimate.covariance()?.fixed_view::<3, 3>(6, 6).trace() / 3.0;
+        }
+        *last = Some(estimate);
+        Some(step)
+    }
+}
+
+/// Weights and times, from the last sample's.
+fn weighed(samples: &[Sample]) -> Moments {
+    let (mut moments, end) = (Moments::default(), samples.last().map_or(0.0, |last| last.t));
+    for sample in samples {
+        moments.add(sample.t - end, &sample.weight);
+    }
+    moments
+}
+
+/// Adds the samples to the normal equations of position, velocity (at the last sample) and gravity that [`weighed`] them, linear about `flight`.
+fn observe(fit: &mut Accumulator<9>, flight: &Flight, law: &dyn Law, samples: &[Sample]) {
+    let (mut pulls, mut state) = (Pulls::default(), flight.state);
+    for sample in samples.iter().rev() {
+        state = state.at(sample.t, law, &flight.gravity);
+        let s = sample.t - flight.state.t;
+        let linear = flight.state.position + flight.state.velocity * s + flight.gravity * (0.5 * s * s);
+        // What the law bends beyond the linear model moves over to the measurement's side.
+        pulls.add(s, &(sample.position - (state.position - linear)), &sample.weight);
+    }
+    let [p, v, g] = pulls.powers;
+    for (i, pull) in [(0, p), (3, v), (6, g * 0.5)] {
+        fit.pull(i, &pull);
+    }
+    fit.square(pulls.square);
 }
 
 #[cfg(test)]

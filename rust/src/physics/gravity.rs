@@ -47,10 +47,15 @@ impl Gravity {
         }
     }
 
-    /// Adds this knowledge to the normal equations of a fit whose unknowns from `first` on are gravity. The size is no linear
-    /// observation: it is one along `direction`, the present estimate, as exactly as `spread`, its variance along one axis, permits.
+    /// Adds this knowledge to the normal equations of a fit whose unknowns from `first` on are gravity.
     pub fn constrain<const N: usize>(&self, fit: &mut Accumulator<N>, first: usize, direction: &Vec3, spread: f64) {
         fit.expect_block(first, &self.mean, &self.information);
+        self.constrain_size(fit, first, direction, spread);
+    }
+
+    /// Adds what is known of the size. That is no linear observation: it is one along `direction`, the present estimate, as exactly as
+    /// `spread`, its variance along one axis, permits.
+    pub fn constrain_size<const N: usize>(&self, fit: &mut Accumulator<N>, first: usize, direction: &Vec3, spread: f64) {
         let (Some(size), norm) = (self.size, direction.norm()) else { return };
         // Along a direction that may as well be the opposite one, the size says nothing.
         if norm > 0.0 && spread < 0.25 * size * size {

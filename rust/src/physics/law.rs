@@ -8,6 +8,24 @@ pub trait Law {
     /// Acceleration (m/s²) at time `t` (s) of an object at `position` (m) with `velocity` (m/s), under `gravity` (m/s²), which may be
     /// the unknown of a fit. All in one frame, which is inertial.
     fn acceleration(&self, gravity: &Vec3, t: f64, position: &Vec3, velocity: &Vec3) -> Vec3;
+
+    /// The state `h` (s) later, by one step of the classical Runge–Kutta rule.
+    fn step(&self, gravity: &Vec3, s: &State, h: f64) -> State {
+        let a = |dt: f64, p: &Vec3, v: &Vec3| self.acceleration(gravity, s.t + dt, p, v);
+        let (p1, v1) = (s.position, s.velocity);
+        let a1 = a(0.0, &p1, &v1);
+        let (p2, v2) = (p1 + v1 * (0.5 * h), v1 + a1 * (0.5 * h));
+        let a2 = a(0.5 * h, &p2, &v2);
+        let (p3, v3) = (p1 + v2 * (0.5 * h), v1 + a2 * (0.5 * h));
+        let a3 = a(0.5 * h, &p3, &v3);
+        let (p4, v4) = (p1 + v3 * h, v1 + a3 * h);
+        let a4 = a(h, &p4, &v4);
+        State {
+            t: s.t + h,
+            position: p1 + (v1 + 2.0 * v2 + 2.0 * v3 + v4) * (h / 6.0),
+            velocity: v1 + (a1 + 2.0 * a2 + 2.0 * a3 + a4) * (h / 6.0),
+        }
+    }
 }
 
 /// Gravity alone: the paper's law.
@@ -59,26 +77,17 @@ const LONGEST_STEP: f64 = 0.04;
 const MOST_STEPS: f64 = 64.0;
 
 impl State {
-    /// The state at time `t`, before or after, by the classical Runge–Kutta rule: Eq. 5, for any law.
+    /// The state at time `t`, before or after, in steps that are short enough: Eq. 5, for any law.
     #[must_use]
     pub fn at(self, t: f64, law: &dyn Law, gravity: &Vec3) -> Self {
         let span = t - self.t;
+        if span.abs() <= LONGEST_STEP {
+            return Self { t, ..law.step(gravity, &self, span) };
+        }
         let steps = ceil(span.abs() / LONGEST_STEP).clamp(1.0, MOST_STEPS);
-        let h = span / steps;
         let mut s = self;
         for _ in 0..steps as usize {
-            let a = |dt: f64, p: &Vec3, v: &Vec3| law.acceleration(gravity, s.t + dt, p, v);
-            let (p1, v1) = (s.position, s.velocity);
-            let a1 = a(0.0, &p1, &v1);
-            let (p2, v2) = (p1 + v1 * (0.5 * h), v1 + a1 * (0.5 * h));
-            let a2 = a(0.5 * h, &p2, &v2);
-            let (p3, v3) = (p1 + v2 * (0.5 * h), v1 + a2 * (0.5 * h));
-            let a3 = a(0.5 * h, &p3, &v3);
-            let (p4, v4) = (p1 + v3 * h, v1 + a3 * h);
-            let a4 = a(h, &p4, &v4);
-            s.position += (v1 + 2.0 * v2 + 2.0 * v3 + v4) * (h / 6.0);
-            s.velocity += (a1 + 2.0 * a2 + 2.0 * a3 + a4) * (h / 6.0);
-            s.t += h;
+            s = law.step(gravity, &s, span / steps);
         }
         Self { t, ..s }
     }

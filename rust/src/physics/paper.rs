@@ -1,8 +1,9 @@
 //! The paper's own estimators, for comparison: finite differences, one-step predictions, two free parabolas.
 
-use crate::math::Vec3;
+use crate::math::{Mat3, Vec3};
 use crate::physics::Sample;
 use crate::physics::contact::Contact;
+use heapless::Vec;
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 /// Eq. 4: the velocity between two measurements, m/s; `None` where no time passed.
@@ -14,6 +15,23 @@ pub fn velocity(a: &Sample, b: &Sample) -> Option<Vec3> {
 /// Eq. 4 twice: the frame-wise acceleration at the last of three measurements, m/s².
 pub fn acceleration(a: &Sample, b: &Sample, c: &Sample) -> Option<Vec3> {
     Some((velocity(b, c)? - velocity(a, b)?) / (c.t - b.t))
+}
+
+/// The mean of the frame-wise accelerations (m/s²) of a flight, and its covariance. It telescopes: of equally spaced measurements only the first two
+/// and the last two count. `None` for fewer than 4 or more than 128, or where time stands still.
+pub fn mean_acceleration(samples: &[Sample]) -> Option<(Vec3, Mat3)> {
+    // How much each measurement weighs in it.
+    let mut weights: Vec<f64, 128> = samples.iter().map(|_| 0.0).take(128).collect();
+    let count = samples.len().checked_sub(2).filter(|count| *count >= 2 && weights.len() == samples.len())? as f64;
+    for (pieces, w) in samples.windows(3).zip(0..) {
+        let (first, second) = (pieces[1].t - pieces[0].t, pieces[2].t - pieces[1].t);
+        for (weight, gain) in weights.iter_mut().skip(w).zip([1.0 / first, -1.0 / first - 1.0 / second, 1.0 / second]) {
+            *weight += gain / (second * count);
+        }
+    }
+    let mean: Vec3 = samples.iter().zip(&weights).map(|(s, w)| s.position * *w).sum();
+    let covariance = samples.iter().zip(&weights).map(|(s, w)| s.covariance() * (w * w)).sum();
+    mean.iter().all(|x| x.is_finite()).then_some((mean, covariance))
 }
 
 /// Eq. 5: the center at time `t` (s) from the last two measurements and `gravity` (m/s²).
@@ -124,6 +142,19 @@ mod tests {
         let lag = predict(&s[0], &s[1], s[2].t, &G).unwrap() - s[2].position;
         assert!((lag - G * (-0.5 / 900.0)).norm() < 1e-9);
         assert_eq!(acceleration(&s[0], &s[1], &s[1]), None);
+    }
+
+    #[test]
+    fn the_mean_of_frame_wise_accelerations_telescopes() {
+        let s: [Sample; 20] = core::array::from_fn(|i| throw(i as f64 / 30.0, Vec3::zeros(), Vec3::new(1.0, 2.0, 3.0)));
+        let (mean, covariance) = mean_acceleration(&s).unwrap();
+        assert!((mean - G).norm() < 1e-9);
+        // ((p₂₀ − p₁₉) − (p₂ − p₁)) / (18 dt²)
+        assert!((covariance[(0, 0)] / (4.0 * (1e-3 * 900.0 / 18.0_f64).powi(2)) - 1.0).abs() < 1e-9);
+        let mut moved = s;
+        moved[9].position.x += 1.0;
+        assert!((mean_acceleration(&moved).unwrap().0 - G).norm() < 1e-9);
+        assert!(mean_acceleration(&s[..3]).is_none() && mean_acceleration(&[s[0]; 5]).is_none());
     }
 
     #[test]

@@ -19,7 +19,11 @@ pub fn config(from: Option<&Bound<'_, PyAny>>) -> PyResult<Config> {
     let Some(from) = from else { return Ok(Config::default()) };
     let config = match path(from) {
         Some(path) => config_file::read_config(&path)?,
-        None => keys(from, "config")?,
+        None => {
+            let mut config = keys(from, "config")?;
+            config_file::read_meshes(&mut config, Path::new(""), |_| "config".into())?;
+            config
+        }
     };
     config.validate()?;
     Ok(config)

@@ -76,7 +76,7 @@ impl Motion {
 }
 
 /// The drag of a ball: a number, or as a configuration (by default a tennis ball's) says.
-fn drag(from: Option<&Bound<'_, PyAny>>) -> PyResult<FreeFallWithDrag> {
+pub fn drag(from: Option<&Bound<'_, PyAny>>) -> PyResult<FreeFallWithDrag> {
     match from.and_then(|from| from.extract::<f64>().ok()) {
         Some(drag) if drag >= 0.0 && drag.is_finite() => Ok(FreeFallWithDrag { drag }),
         Some(drag) => Err(PyValueError::new_err(format!("drag = {drag}: expected a number from 0, 1/m"))),

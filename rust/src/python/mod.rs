@@ -13,6 +13,7 @@ mod planes;
 mod recording;
 mod result;
 mod samples;
+mod scale;
 mod simulation;
 mod stream;
 mod video;
@@ -40,9 +41,11 @@ mod _physinc {
     #[pymodule_export]
     use super::recording::{Recording, open_recording};
     #[pymodule_export]
-    use super::result::{ContactFit, FlightFit, Inconsistencies, PlaneFit, SphereFit};
+    use super::result::{ContactFit, FlightFit, Inconsistencies, PlaneFit, ScaleFit, SphereFit};
     #[pymodule_export]
-    use super::simulation::{scenes, simulate};
+    use super::scale::{fit_scale, read_positions, split_flights};
+    #[pymodule_export]
+    use super::simulation::{scenes, simulate, truth};
     #[pymodule_export]
     use super::stream::{Stream, Track, open_iterable, open_source};
     #[pymodule_export]

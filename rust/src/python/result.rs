@@ -82,6 +82,7 @@ result_classes! {
         state_covariance: Option<[[f64; 9]; 9]>, normal: Option<[f64; 3]>, direction: Option<[f64; 3]>, velocity_before: [f64; 3],
         velocity_after: [f64; 3], restitution: Option<f64>, chi2: Option<f64>, sd: Option<f64>
     } [contact: Contact, radius: Option<f64>] {}
+    ScaleFit { scale: f64, sd: f64, gravity_direction: [f64; 3], residual_sd: f64, dof: usize } [] {}
     PlaneFit {
         normal: [f64; 3], offset: f64, covariance: [[f64; 4]; 4], contacts: Vec<usize>, restitution: f64, tilt: f64, tilt_sd: f64,
         outline: Vec<[f64; 3]>, above: Option<crate::event::Above>

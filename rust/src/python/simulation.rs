@@ -15,6 +15,13 @@ pub fn simulate(py: Python<'_>, scene: &str, out: PathBuf) -> PyResult<(usize, u
     Ok((summary.frames, summary.balls, summary.contacts))
 }
 
+/// What really happens in `scene`, as JSON; no frame is made.
+#[pyfunction]
+pub fn truth(py: Python<'_>, scene: &str) -> PyResult<String> {
+    let scene = py.detach(|| sim::Scene::parse(scene))?;
+    serde_json::to_string(scene.truth()).map_err(|error| PyOSError::new_err(error.to_string()))
+}
+
 /// The names of the scenes there are.
 #[pyfunction]
 pub fn scenes() -> Vec<String> {

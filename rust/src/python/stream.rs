@@ -8,7 +8,9 @@ use super::frame::Frame;
 use super::iterable::Iterable;
 use super::video::VideoFrame;
 use super::waiting::{SLICE, wait_for};
+use crate::config::EnvironmentConfig;
 use crate::event::Event;
+use crate::geometry::environment::Environment;
 use crate::math::rows;
 use crate::reasoning::Predictor;
 use crate::run::{Latest, Next, Options, Reader, Run, Step};
@@ -37,6 +39,7 @@ pub struct Stream {
     shown: Option<Shown<Latest, Frame>>,
     filmed: Option<Shown<LatestVideo, VideoFrame>>,
     tape: Option<Tape>,
+    environment: Arc<Environment>,
 }
 
 /// Where images come from, if they are wanted, and the newest that was handed out.
@@ -184,7 +187,8 @@ impl Stream {
     /// The live tracks by number, as of the last event.
     #[getter]
     fn tracks(&self) -> BTreeMap<u32, Track> {
-        self.now().predictors.iter().map(|predictor| (predictor.track(), Track { predictor: predictor.clone() })).collect()
+        let track = |predictor: &Predictor| Track { predictor: predictor.clone(), environment: Arc::clone(&self.environment) };
+        self.now().predictors.iter().map(|predictor| (predictor.track(), track(predictor))).collect()
     }
 }
 
@@ -195,6 +199,7 @@ impl Stream {
         latest: Option<Arc<Latest>>,
         video: Option<Arc<LatestVideo>>,
         tape: Option<Tape>,
+        environment: &EnvironmentConfig,
     ) -> PyResult<Self> {
         let timeout = match timeout {
             None => None,
@@ -210,6 +215,7 @@ impl Stream {
             shown: latest.map(Shown::new),
             filmed: video.map(Shown::new),
             tape,
+            environment: Arc::new(Environment::new(environment)),
         })
     }
 
@@ -252,6 +258,7 @@ impl Stream {
 #[pyclass(frozen, module = "physinc")]
 pub struct Track {
     predictor: Predictor,
+    environment: Arc<Environment>,
 }
 
 #[pymethods]
@@ -262,7 +269,7 @@ impl Track {
         self.predictor.track()
     }
 
-    /// Where it will be by the laws of physics: center [3] (m, world) and covariance [3, 3] (m²).
+    /// Where it will be by the laws of physics, among the known surfaces: center [3] (m, world) and covariance [3, 3] (m²).
     #[pyo3(signature = (t=None, *, timestamp_ns=None))]
     fn predict<'py>(&self, py: Python<'py>, t: Option<f64>, timestamp_ns: Option<i64>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         let timestamp_ns = match (t, timestamp_ns) {
@@ -270,7 +277,7 @@ impl Track {
             (None, Some(timestamp_ns)) => timestamp_ns,
             _ => return Err(PyTypeError::new_err("predict takes t (s on the stream's clock, finite) or timestamp_ns")),
         };
-        let (center, covariance) = self.predictor.predict(timestamp_ns);
+        let (center, covariance) = self.predictor.predict_among(&self.environment, timestamp_ns);
         Ok((array1(py, center.as_slice()), array2(py, &rows(&covariance))?))
     }
 
@@ -328,7 +335,7 @@ pub fn open_source(
         run.show(Arc::clone(latest));
     }
     let video = source.video();
-    Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout, latest, video, tape)
+    Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout, latest, video, tape, &config.environment)
 }
 
 /// Takes frames or positions from a Python iterable.
@@ -351,5 +358,7 @@ pub fn open_iterable(
     config.validate()?;
     let options = Options { positions, provisional, ..Options::default() };
     let latest = images.then(Arc::<Latest>::default);
-    Stream::new(Feed::Iterable(Mutex::new(Iterable::new(items, config, options, latest.clone())?)), None, latest, None, None)
+    let environment = config.environment.clone();
+    let feed = Feed::Iterable(Mutex::new(Iterable::new(items, config, options, latest.clone())?));
+    Stream::new(feed, None, latest, None, None, &environment)
 }

@@ -8,11 +8,13 @@ pub use predictor::Predictor;
 use crate::config::{CameraAssumption, Config, SceneAssumption};
 use crate::event::{self, Event, TrackReason};
 use crate::geometry::camera::{Camera, Pose};
+use crate::geometry::environment::Environment;
 use crate::math::{Mat3, Vec3, rows};
 use crate::physics::between;
 use crate::physics::contact::Contact;
 use crate::physics::gravity::Gravity;
 use crate::physics::law::{FreeFallWithDrag, State};
+use crate::scene::camera_motion::CameraMotion;
 use crate::scene::level::Level;
 use crate::scene::plane::Up;
 use crate::scene::surfaces::Surfaces;
@@ -21,7 +23,7 @@ use crate::track::association::{MEASUREMENTS, Sight, TRACKS, associate};
 use crate::track::hypothesis::Surroundings;
 use crate::track::motion::{Finding, Findings};
 use crate::track::noise::Noise;
-use crate::track::object::Track;
+use crate::track::object::{Track, Watch};
 use heapless::Vec;
 
 /// An object unseen for this long is lost, s: the longest gap that may hide a contact, and what it takes to see that it doesn't.
@@ -30,6 +32,9 @@ const LOST: f64 = 0.25;
 const LEFT: f64 = 0.2;
 /// One that hides behind or within another may do so for this long, s.
 const HIDDEN: f64 = 0.6;
+
+/// Stamps that went through seconds are off by no more than this, ns.
+const ROUNDING_NS: i64 = 1_000;
 
 /// Positions to events. It opens nothing, reads no clock and allocates nothing.
 #[derive(Debug)]
@@ -43,6 +48,9 @@ pub struct Reasoning {
     measured: (Gravity, u32),
     /// The accelerometer's, in the world.
     level: Option<Level>,
+    /// The camera's path, where it moves, and where static structure shows it in this frame.
+    motion: Option<CameraMotion>,
+    structure: (Vec3, Mat3),
     noise: Noise,
     tracks: Vec<Track, TRACKS>,
     surfaces: Surfaces,
@@ -52,6 +60,7 @@ pub struct Reasoning {
     last_track: u32,
     last_contact: u32,
     last_orientation: u32,
+    last_motion: u32,
     homeless: u64,
 }
 
@@ -61,7 +70,8 @@ impl Reasoning {
         let pose = camera.map_or(Pose { rotation: Mat3::identity(), translation: Vec3::zeros() }, Camera::world);
         let vector = Vec3::from(config.laws.gravity);
         let pose_is_known = camera.is_none_or(|c| c.pose.is_some());
-        let tilted = config.camera_assumption(pose_is_known) != CameraAssumption::Static;
+        let assumed = config.camera_assumption(pose_is_known);
+        let tilted = matches!(assumed, CameraAssumption::Tilted | CameraAssumption::Unknown);
         Self {
             config: config.clone(),
             camera: camera.copied(),
@@ -69,6 +79,8 @@ impl Reasoning {
             gravity: if tilted { Gravity::of_known_size(vector) } else { Gravity::known(vector) },
             measured: (Gravity { mean: vector, information: Mat3::from_diagonal_element(1e-4), size: None }, 0),
             level: camera.and_then(|c| c.gravity).and_then(|gravity| Level::new(&(pose.rotation * gravity))),
+            motion: assumed.moves().then(CameraMotion::default),
+            structure: (Vec3::zeros(), Mat3::zeros()),
             noise: Noise::new(config.tracking.position_sd),
             tracks: Vec::new(),
             surfaces: Surfaces::new(&config.environment, config.assume.scene == SceneAssumption::Known),
@@ -77,6 +89,7 @@ impl Reasoning {
             last_track: 0,
             last_contact: 0,
             last_orientation: 0,
+            last_motion: 0,
             homeless: 0,
         }
     }
@@ -84,6 +97,12 @@ impl Reasoning {
     /// The pose that fixes the world.
     pub fn world_from_camera(&self) -> Pose {
         self.pose
+    }
+
+    /// Static structure shows the camera so far from where it was in the first frame (world axes, m), with this information (1/m²), in the frame
+    /// that is pushed next.
+    pub fn see_structure(&mut self, (displacement, information): (Vec3, Mat3)) {
+        self.structure = (displacement, information);
     }
 
     /// Takes in what was seen at one instant, `frame` of the stream; stamps increase.
@@ -121,6 +140,7 @@ impl Reasoning {
                 self.look_after(id, timestamp_ns, excused.contains(&id), sink);
             }
         }
+        self.tell_motion(sink);
     }
 
     /// Makes everything final.
@@ -128,6 +148,7 @@ impl Reasoning {
         while let Some(id) = self.tracks.first().map(|t| t.id) {
             self.end(id, TrackReason::StreamEnded, sink);
         }
+        self.tell_motion(sink);
         self.tell_surfaces(true, sink);
     }
 
@@ -135,8 +156,14 @@ impl Reasoning {
     pub fn predictors(&self) -> impl Iterator<Item = Predictor> + '_ {
         self.tracks.iter().map(|track| {
             let law = self.law(track.radius);
-            Predictor { track: track.id, epoch_ns: track.epoch_ns, outlook: track.outlook(&self.around(&law)), law }
+            let outlook = track.outlook(&self.around(&law));
+            Predictor::new(track, outlook, law, self.gravity.mean, &self.config.object, self.surfaces.restitutions())
         })
+    }
+
+    /// What is known of the scene.
+    pub fn environment(&self) -> &Environment {
+        self.surfaces.environment()
     }
 
     /// Objects that are tracked.
@@ -192,8 +219,8 @@ impl Reasoning {
             self.end(quietest, TrackReason::Lost, sink);
         }
         self.last_track += 1;
-        let (id, laws) = (self.last_track, &self.config.laws);
-        let track = Track::new(id, m, laws.method, laws.false_alarm, laws.theta);
+        let id = self.last_track;
+        let track = Track::new(id, m, Watch::new(&self.config.laws, self.motion.is_some()));
         self.emit(Some(id), true, event::TrackStarted { reason: TrackReason::Appeared }, sink);
         let _ = self.tracks.push(track);
         Some(id)
@@ -210,6 +237,11 @@ impl Reasoning {
             residual_rms: m.residual_rms,
         };
         self.emit(Some(id), true, position, sink);
+        if let Some(motion) = &mut self.motion {
+            let weight = m.covariance.and_then(Mat3::try_inverse).unwrap_or_else(|| Mat3::from_diagonal_element(1.0 / variance));
+            motion.begin(self.now, frame, self.structure);
+            motion.see(id, m.time_ns, m.center, weight);
+        }
         self.with_track(id, sink, |track, noise, around, findings| track.push(m, noise, around, findings));
     }
 
@@ -232,15 +264,23 @@ impl Reasoning {
                 Finding::Inconsistent(alarm) => self.tell_inconsistency(id, &alarm, sink),
                 Finding::Touched(contact, again) => self.tell_touch(id, &contact, again, sink),
                 Finding::Settled(contact) => self.tell_contact(id, &contact, sink),
-                Finding::Flown(flight, since, until) => self.learn(id, law, &flight, since, until, sink),
+                Finding::Flown(flight, since, until) => self.learn_flight(id, law, &flight, since, until, sink),
                 Finding::Parted(at) => self.part(id, at, sink),
+                Finding::Fell(since, until) => self.learn_by_paper(id, since, until, sink),
+                Finding::Drifted(since, until) => {
+                    let span = self.track(id).map(|track| (track.stamp(since), track.stamp(until)));
+                    if let (Some(motion), Some((from_ns, to_ns))) = (&mut self.motion, span) {
+                        motion.land(id, from_ns - ROUNDING_NS, to_ns + ROUNDING_NS);
+                    }
+                }
             }
         }
     }
 
     /// What a track holds from `at` (s) on is another object: the camera lost the one and found the other.
     fn part(&mut self, id: u32, at: f64, sink: &mut dyn FnMut(Event)) {
-        let Some(track) = self.track(id).filter(|_| self.camera.is_some()) else { return };
+        // A thing of any shape is known by its shape.
+        let Some(track) = self.track(id).filter(|track| self.camera.is_some() && track.label.is_none()) else { return };
         let samples: Vec<_, { crate::track::window::CAPACITY }> = between(track.samples(), at, f64::INFINITY).iter().copied().collect();
         let Some(first) = samples.first() else { return };
         let m = Measurement {

@@ -6,9 +6,12 @@ use crate::event::{self, Event, Kind, Undetermined};
 use crate::math::{Mat3, Vec3, atan2, rows, sqrt};
 use crate::physics::contact::{Contact, RESTITUTION};
 use crate::physics::flight::Flight;
+use crate::physics::gravity::Gravity;
 use crate::physics::inconsistency::Inconsistency;
 use crate::physics::law::FreeFallWithDrag;
+use crate::physics::translation::Displacement;
 use crate::physics::{between, paper};
+use crate::scene::camera_motion::Told;
 use crate::scene::plane::Patch;
 
 /// A flight tells of the tracker's noise from this long after its beginning, s.
@@ -74,21 +77,46 @@ impl Reasoning {
     }
 
     /// A flight is over: what it says of gravity and of the noise.
-    pub(super) fn learn(&mut self, id: u32, law: FreeFallWithDrag, flight: &Flight, since: f64, until: f64, sink: &mut dyn FnMut(Event)) {
+    pub(super) fn learn_flight(
+        &mut self,
+        id: u32,
+        law: FreeFallWithDrag,
+        flight: &Flight,
+        since: f64,
+        until: f64,
+        sink: &mut dyn FnMut(Event),
+    ) {
         let Some(track) = self.tracks.iter().find(|t| t.id == id) else { return };
         let samples = between(track.samples(), since, until);
         // Just after an impact a ball swings.
         self.noise.learn(flight, &law, between(samples, since + SETTLED, until));
         let Some((information, vector)) = flight.gravity_information(&law, samples) else { return };
-        let (information, vector) = (information / flight.excess(), vector / flight.excess());
+        self.learn_gravity(&(information / flight.excess()), &(vector / flight.excess()), sink);
+    }
+
+    /// Gravity by the paper: the mean of Eq. 4's accelerations. It knows no drag.
+    pub(super) fn learn_by_paper(&mut self, id: u32, since: f64, until: f64, sink: &mut dyn FnMut(Event)) {
+        let Some(track) = self.tracks.iter().find(|t| t.id == id) else { return };
+        let samples = between(track.samples(), since, until + 1e-9);
+        let Some((mean, covariance)) = paper::mean_acceleration(samples) else { return };
+        // A piece of a flight, or none.
+        let size = self.gravity.mean.norm();
+        let sure = covariance.trace() < size * size && (mean.norm() / size - 1.0).abs() < 0.5;
+        if let Some(information) = covariance.try_inverse().filter(|_| sure) {
+            self.learn_gravity(&information, &(information * mean), sink);
+        }
+    }
+
+    /// One flight says that `information` · g = `vector`.
+    fn learn_gravity(&mut self, information: &Mat3, vector: &Vec3, sink: &mut dyn FnMut(Event)) {
         // A throw, a catch or a piece of one frame may pass for a flight; gravity does not change.
-        if self.gravity.size.is_some() && self.gravity.disagreement(&information, &vector) > 30.0 {
+        if self.gravity.size.is_some() && self.gravity.disagreement(information, vector) > 30.0 {
             return;
         }
         if self.gravity.size.is_some() {
-            self.gravity.learn(&information, &vector);
+            self.gravity.learn(information, vector);
         }
-        self.measured.0.learn(&information, &vector);
+        self.measured.0.learn(information, vector);
         self.measured.1 += 1;
         let Some(covariance) = self.measured.0.information.try_inverse() else { return };
         let to_camera = self.pose.rotation.transpose();
@@ -105,6 +133,46 @@ impl Reasoning {
         self.last_orientation += 1;
         self.emit(None, true, told, sink);
         self.tell_level(&covariance, sink);
+    }
+
+    /// The camera's path, as far as it is due.
+    pub(super) fn tell_motion(&mut self, sink: &mut dyn FnMut(Event)) {
+        let (now, idle) = (self.now, self.tracks.is_empty());
+        let Some(mut motion) = self.motion.take_if(|motion| {
+            motion.land_silent(now);
+            motion.is_due(now, idle)
+        }) else {
+            return;
+        };
+        let laws = &self.config.laws;
+        let (method, gravity) = ((laws.method, laws.theta), self.gravity);
+        let law = self.law(self.config.object.radius.as_slice().first().copied().unwrap_or_default());
+        motion.tell(method, &law, &gravity, idle, |told| match told {
+            Told::Moved(frame, displacement, tied) => self.tell_displacement(frame, &displacement, tied, sink),
+            Told::Flown(samples) => {
+                let free = Gravity { information: Mat3::from_diagonal_element(1e-4), size: None, ..gravity };
+                let flight = Flight::fit(&law, samples, &free);
+                if let Some((flight, (information, vector))) = flight.and_then(|f| Some((f.clone(), f.gravity_information(&law, samples)?)))
+                {
+                    self.learn_gravity(&(information / flight.excess()), &(vector / flight.excess()), sink);
+                }
+            }
+        });
+        self.motion = Some(motion);
+    }
+
+    fn tell_displacement(&mut self, frame: u64, displacement: &Displacement, tied: bool, sink: &mut dyn FnMut(Event)) {
+        let untied = [Undetermined::Velocity, Undetermined::UnseenMotion].into_iter().filter(|_| !tied);
+        let level = (self.gravity.size.is_some() && !tied).then_some(Undetermined::AccelerationOrGravity);
+        let told = event::CameraMotion {
+            id: self.last_motion,
+            frame,
+            displacement: displacement.mean.into(),
+            covariance: rows(&displacement.covariance),
+            undetermined: untied.chain(level).collect(),
+        };
+        self.last_motion += 1;
+        self.emit(None, true, told, sink);
     }
 
     /// Whether the accelerometer agrees with all flights so far.

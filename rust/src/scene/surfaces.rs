@@ -4,6 +4,7 @@ use crate::config::{EnvironmentConfig, Name};
 use crate::event::{Above, Surface};
 use crate::geometry::environment::{Environment, KnownSurface};
 use crate::math::{Mat3, Vec3, acos, sqrt};
+use crate::physics::restitution::Restitution;
 use crate::scene::outline::outline;
 use crate::scene::plane::{Patch, Plane, Up};
 use heapless::Vec;
@@ -32,11 +33,18 @@ struct Found {
     forgotten: u32,
 }
 
+/// Restitution on each known surface, by its id: mean and standard deviation.
+pub type Restitutions = Vec<(f64, f64), { Environment::CAPACITY }>;
+
+/// Slower impacts say little of the restitution, m/s.
+const TELLING: f64 = 0.5;
+
 /// All surfaces of a stream.
 #[derive(Debug)]
 pub struct Surfaces {
     environment: Environment,
     known_contacts: [u32; Environment::CAPACITY],
+    known_restitutions: [Restitution; Environment::CAPACITY],
     patches: Vec<(Patch, Option<u32>), PATCHES>,
     found: Vec<Found, SURFACES>,
     next: u32,
@@ -48,7 +56,25 @@ impl Surfaces {
     pub fn new(environment: &EnvironmentConfig, closed: bool) -> Self {
         let environment = Environment::new(environment);
         let next = environment.surfaces().len() as u32;
-        Self { environment, known_contacts: [0; Environment::CAPACITY], patches: Vec::new(), found: Vec::new(), next, closed }
+        Self {
+            environment,
+            known_contacts: [0; Environment::CAPACITY],
+            known_restitutions: [Restitution::default(); Environment::CAPACITY],
+            patches: Vec::new(),
+            found: Vec::new(),
+            next,
+            closed,
+        }
+    }
+
+    /// What is known.
+    pub fn environment(&self) -> &Environment {
+        &self.environment
+    }
+
+    /// Restitution on each known surface, as contacts have shown it.
+    pub fn restitutions(&self) -> Restitutions {
+        self.known_restitutions[..self.environment.surfaces().len()].iter().map(Restitution::expected).collect()
     }
 
     /// The surface, known or well found, that a ball of `radius` (m) at `center` (with covariance) touches, and its normal there.
@@ -68,6 +94,10 @@ impl Surfaces {
         let covariance: Mat3 = patch.covariance.fixed_view::<3, 3>(0, 0).into();
         if let Some((id, normal)) = self.environment.touched(&patch.center, &covariance, patch.radius) {
             self.known_contacts[id as usize] += 1;
+            let (into, off) = (-patch.before.dot(&normal), patch.after.dot(&normal));
+            if into > TELLING && off > 0.0 && off < 1.05 * into {
+                self.known_restitutions[id as usize].learn(off / into);
+            }
             return Some((id, normal));
         }
         if self.closed {
@@ -107,13 +137,13 @@ impl Surfaces {
         let present = self.patches[index].1;
         let best = {
             let patch = &self.patches[index].0;
-            let own = Plane::fit(core::iter::once(patch), Some(up)).filter(|p| p.level);
-            let worst = own.map_or(GATE, |p| GATE.min(p.chi2 + ONE_MORE));
             let alone = present.is_some_and(|id| self.patches.iter().filter(|p| p.1 == Some(id)).count() == 1);
             // A plane that rests on this patch alone agrees with it: what counts is whether another does.
             let others = self.found.iter().filter(|f| f.merged_into.is_none() && !(alone && present == Some(f.id)));
             let scored = others.map(|f| (f.plane.disagreement(patch), f.id));
-            scored.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|(chi2, _)| *chi2 < worst).map(|(_, id)| id)
+            let own = || Plane::fit(core::iter::once(patch), Some(up)).filter(|p| p.level);
+            let near = |chi2: f64| chi2 < GATE && (chi2 < ONE_MORE || own().is_none_or(|own| chi2 < own.chi2 + ONE_MORE));
+            scored.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|(chi2, _)| near(*chi2)).map(|(_, id)| id)
         };
         match (best, present) {
             (Some(id), _) if present == Some(id) => {}

@@ -20,8 +20,11 @@ impl Seeing<'_> {
         }
         let learning = self.seen < self.background_frames;
         if learning {
-            (0..self.camera.height).for_each(|row| _ = source.part(row, 0..self.camera.width));
-            background::learn(source.samples(), &self.coding, limits, farthest);
+            let (width, beyond) = (self.camera.width, first_key_beyond::<S>(&self.coding));
+            let rows = limits.chunks_exact_mut(width).zip(farthest.chunks_exact_mut(width)).enumerate();
+            rows.for_each(|(row, (limits, farthest))| {
+                background::learn(source.part(row, 0..width), &self.coding, beyond, limits, farthest);
+            });
         }
         if self.seen == self.background_frames {
             background::limit::<S>(&self.coding, self.background_frames, limits, farthest);

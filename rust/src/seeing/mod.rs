@@ -5,6 +5,7 @@ mod buffers;
 mod image;
 mod search;
 mod shapes;
+mod structure;
 #[cfg(test)]
 mod tests;
 
@@ -14,6 +15,7 @@ pub use crate::detect::foreground::Area;
 
 use self::image::{Packed, Plain, Source};
 use self::shapes::Shapes;
+use self::structure::{Shown, Structure};
 use crate::config::{ObjectConfig, Shape};
 use crate::detect::ball::Found;
 use crate::detect::foreground::{Coding, Sample};
@@ -61,6 +63,9 @@ pub struct Seeing<'b> {
     buffers: Buffers<'b>,
     background_frames: u32,
     environment: Option<(Environment, Pose)>,
+    /// Static planes, where the camera moves, and what the newest frame shows of them.
+    structure: Option<Structure>,
+    shown: Shown,
     /// The row that is next looked at for slow change.
     row: usize,
     seen: u32,
@@ -107,6 +112,8 @@ impl<'b> Seeing<'b> {
             buffers,
             background_frames,
             environment: None,
+            structure: None,
+            shown: Shown::new(),
             row: 0,
             seen: 0,
             floating: None,
@@ -191,6 +198,7 @@ impl<'b> Seeing<'b> {
         if self.learns(&mut source) {
             return true;
         }
+        self.measure_structure(&mut source);
         if let Some(mut shapes) = self.shapes.take() {
             self.cluttered += u64::from(self.see_shapes(&mut source, &scope, &mut shapes, detections).is_err());
             self.follow(&mut source, |_, row| shapes.kept_in(row));

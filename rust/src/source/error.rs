@@ -75,7 +75,7 @@ pub enum SourceError {
 }
 
 impl SourceError {
-    pub(super) fn unreadable(source_name: &str, error: io::Error) -> Self {
+    pub(crate) fn unreadable(source_name: &str, error: io::Error) -> Self {
         match error.kind() {
             io::ErrorKind::NotFound => Self::NotFound { source_name: source_name.into() },
             _ => Self::Unreadable { source_name: source_name.into(), error },

@@ -8,6 +8,10 @@
 pub fn assign<const ROWS: usize, const COLUMNS: usize>(gains: &[[f64; COLUMNS]], paired: &mut [Option<usize>; ROWS]) {
     let rows = gains.len().min(ROWS);
     *paired = [None; ROWS];
+    if each_its_best(gains, paired) {
+        return;
+    }
+    *paired = [None; ROWS];
     // Column of each row, row of each column; rows alone are not in `row_of`, and their potentials are those of a column of cost 0.
     let mut row_of: [Option<usize>; COLUMNS] = [None; COLUMNS];
     let (mut row_price, mut column_price) = ([0.0; ROWS], [0.0; COLUMNS]);
@@ -57,6 +61,23 @@ pub fn assign<const ROWS: usize, const COLUMNS: usize>(gains: &[[f64; COLUMNS]],
             (row_of[at], paired[row]) = (Some(row), Some(at));
         }
     }
+}
+
+/// Pairs each row with the column of its largest gain; `false` where two rows have the same one. Otherwise no other pairing gains more.
+fn each_its_best<const ROWS: usize, const COLUMNS: usize>(gains: &[[f64; COLUMNS]], paired: &mut [Option<usize>; ROWS]) -> bool {
+    let mut taken = [false; COLUMNS];
+    for (row, paired) in gains.iter().zip(paired) {
+        let mut best = 0.0;
+        for (column, gain) in row.iter().enumerate().filter(|(_, gain)| gain.is_finite()) {
+            if *gain > best {
+                (best, *paired) = (*gain, Some(column));
+            }
+        }
+        if paired.is_some_and(|column| core::mem::replace(&mut taken[column], true)) {
+            return false;
+        }
+    }
+    true
 }
 
 #[cfg(test)]

@@ -60,7 +60,7 @@ pub struct Sight<'a> {
 /// Pairs `measured` with `tracks`; `sight` is the camera's that measured, if one did.
 pub fn associate(tracks: &[Track], measured: &[Measurement], sight: Option<Sight<'_>>, around: &Surroundings) -> Association {
     let measured = measured.get(..MEASUREMENTS).unwrap_or(measured);
-    let mut gains = [[0.0; COLUMNS]; TRACKS];
+    let mut gains: Vec<[f64; COLUMNS], TRACKS> = tracks.iter().take(TRACKS).map(|_| [0.0; COLUMNS]).collect();
     let mut excused = [false; TRACKS];
     for ((track, gains), excused) in tracks.iter().zip(&mut gains).zip(&mut excused) {
         let now = measured.first().map_or(0.0, |m| track.seconds(m.time_ns));
@@ -87,11 +87,10 @@ pub fn associate(tracks: &[Track], measured: &[Measurement], sight: Option<Sight
             }
         }
     }
-    let gains = gains.get_mut(..tracks.len()).unwrap_or_default();
     let mut columns = [None; TRACKS];
-    assign(gains, &mut columns);
+    assign(&gains, &mut columns);
     if tracks.len() > 1 || measured.len() > 1 {
-        disbelieve(gains, &mut columns);
+        disbelieve(&mut gains, &mut columns);
     }
     let mut association = Association { tracks: measured.iter().map(|_| None).collect(), excused, blurred: [None; TRACKS] };
     for (i, (track, column)) in tracks.iter().zip(columns).enumerate() {

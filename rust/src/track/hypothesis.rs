@@ -114,7 +114,7 @@ pub fn best_contact(samples: &[Sample], since: f64, at: f64, previous: Option<f6
     let carried = |after: &[Sample]| fall(after, around).is_some_and(|(part, sd)| part < 0.5 && sd < 0.2);
     let score = |c: &Contact| c.chi2 - 3.0 * (c.counts[0] + c.counts[1]) as f64;
     (split.saturating_sub(2)..=samples.len().saturating_sub(AFTER_CONTACT.0))
-        .filter(|&k| proven(&samples[..k]) && !carried(&samples[k..]) && samples[k].t - samples[k - 1].t < LONGEST_BRIDGE)
+        .filter(|&k| k > 0 && samples[k].t - samples[k - 1].t < LONGEST_BRIDGE && proven(&samples[..k]) && !carried(&samples[k..]))
         .filter_map(|k| {
             let contact = solver.solve(samples, k, None)?;
             let contact = plausible(contact, samples)?;

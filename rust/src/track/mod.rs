@@ -2,6 +2,7 @@
 
 pub mod assignment;
 pub mod association;
+pub mod drift;
 pub mod expectation;
 pub mod hypothesis;
 pub mod motion;

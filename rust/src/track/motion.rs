@@ -33,6 +33,10 @@ pub enum Finding {
     Flown(Flight, f64, f64),
     /// The samples from this time on belong to something else, which no contact connects with what was before.
     Parted(f64),
+    /// From when to when (s) it flew before a camera that may have moved.
+    Drifted(f64, f64),
+    /// From when to when (s) it flew, as the paper sees it.
+    Fell(f64, f64),
 }
 
 /// Findings of one sample.

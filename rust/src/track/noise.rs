@@ -53,9 +53,9 @@ impl Noise {
             }
         }
         if self.differences.len() >= 3 * ENOUGH {
-            let mut sorted = self.differences.clone();
-            sorted.sort_unstable_by(f64::total_cmp);
-            self.smoothness = sorted[sorted.len() / 2] * 1.4826;
+            let mut differences = self.differences.clone();
+            let middle = differences.len() / 2;
+            self.smoothness = *differences.select_nth_unstable_by(middle, f64::total_cmp).1 * 1.4826;
         }
     }
 

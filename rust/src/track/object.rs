@@ -1,12 +1,14 @@
 //! One tracked object: its recent past, its motion, and when it was seen last.
 
-use crate::config::Method;
+use crate::config::{LawsConfig, Method};
 use crate::math::{Mat3, Vec3};
+use crate::physics::course::Course;
 use crate::physics::flight::{Flight, Prediction, VELOCITY_SD};
 use crate::physics::law::{FreeFall, Law, State};
 use crate::physics::{Sample, between};
 use crate::time::{after, seconds_between};
 use crate::track::Measurement;
+use crate::track::drift::Drift;
 use crate::track::hypothesis::Surroundings;
 use crate::track::motion::{Findings, Motion};
 use crate::track::noise::Noise;
@@ -22,6 +24,19 @@ pub enum Watch {
     Best(Motion),
     /// The paper's θ and parabolas; predictions for association are ours.
     Paper(PaperMotion),
+    /// Before a camera that moves.
+    Drift(Drift),
+}
+
+impl Watch {
+    /// How a new track is watched: by `laws`, before a camera that stands or `moves`.
+    pub fn new(laws: &LawsConfig, moves: bool) -> Self {
+        match laws.method {
+            _ if moves => Self::Drift(Drift::new(0.0)),
+            Method::Best => Self::Best(Motion::new(0.0, laws.false_alarm)),
+            Method::Paper => Self::Paper(PaperMotion::new(0.0, laws.theta)),
+        }
+    }
 }
 
 /// An object that frame after frame did not show for so long, s, was not hidden by lost frames: it is not found again elsewhere.
@@ -62,11 +77,7 @@ pub struct Track {
 
 impl Track {
     /// Begins with its first measurement, which is still to be pushed.
-    pub fn new(id: u32, first: &Measurement, method: Method, false_alarm: f64, theta: f64) -> Self {
-        let watch = match method {
-            Method::Best => Watch::Best(Motion::new(0.0, false_alarm)),
-            Method::Paper => Watch::Paper(PaperMotion::new(0.0, theta)),
-        };
+    pub fn new(id: u32, first: &Measurement, watch: Watch) -> Self {
         let (label, epoch_ns, radius) = (first.label, first.time_ns, first.radius);
         Self {
             id,
@@ -140,6 +151,7 @@ impl Track {
         match &mut self.watch {
             Watch::Best(motion) => motion.push(&mut self.window, sample, around, findings),
             Watch::Paper(motion) => motion.push(&mut self.window, sample, around, findings),
+            Watch::Drift(motion) => motion.push(&mut self.window, sample, around, findings),
         }
     }
 
@@ -155,6 +167,7 @@ impl Track {
         match &mut self.watch {
             Watch::Best(motion) => motion.finish(&self.window, around, findings),
             Watch::Paper(motion) => motion.finish(&self.window, findings),
+            Watch::Drift(motion) => motion.finish(&self.window, findings),
         }
     }
 
@@ -166,6 +179,7 @@ impl Track {
                 let recent = self.samples().last_chunk::<6>().map_or(self.samples(), |c| c);
                 Flight::fit(around.law, recent, around.gravity).map(|fit| (fit, false))
             }
+            Watch::Drift(motion) => motion.fit().map(|fit| (fit.clone(), false)),
         };
         Outlook { lawful, last: self.samples().last().copied() }
     }
@@ -185,6 +199,7 @@ impl Track {
         match &self.watch {
             Watch::Best(motion) => between(self.samples(), motion.explained_until(), f64::INFINITY),
             Watch::Paper(_) => self.samples(),
+            Watch::Drift(_) => &[],
         }
     }
 
@@ -192,7 +207,7 @@ impl Track {
     pub fn rebound(&self) -> Option<(f64, Vec3)> {
         match &self.watch {
             Watch::Best(motion) => motion.rebound(),
-            Watch::Paper(_) => None,
+            Watch::Paper(_) | Watch::Drift(_) => None,
         }
     }
 
@@ -228,5 +243,11 @@ impl Outlook {
                 Prediction { state, covariance: Mat3::from_diagonal_element(reach * reach + 1e-4) }
             }
         }
+    }
+
+    /// The same among known surfaces, which it bounces off and rolls on.
+    pub fn predict_among(&self, course: &Course, t: f64) -> Prediction {
+        let met = self.lawful.as_ref().and_then(|(fit, carried)| course.predict(fit, *carried, t));
+        met.unwrap_or_else(|| self.predict(course.law, t))
     }
 }

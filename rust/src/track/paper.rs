@@ -56,6 +56,14 @@ impl PaperMotion {
         if let Some((at, _)) = self.at {
             self.conclude(window, at, findings);
         }
+        self.land(window, f64::INFINITY, findings);
+    }
+
+    /// What was consistent up to `until` (s) shows gravity: the paper averages over a time without interactions.
+    fn land(&self, window: &Window, until: f64, findings: &mut Findings) {
+        if let [first, .., last] = between(window.samples(), self.since, until) {
+            let _ = findings.push(Finding::Fell(first.t, last.t));
+        }
     }
 
     /// An inconsistency is a contact. The paper says nothing of noise; without asking for an impulse against the motion
@@ -73,6 +81,7 @@ impl PaperMotion {
             let speed = self.theta * SIDE as f64 / span;
             let sd = |i: usize| if i < 3 { self.theta } else { speed };
             contact.covariance = SMatrix::from_fn(|i, j| if i == j { sd(i) * sd(i) } else { 0.0 });
+            self.land(window, at, findings);
             self.since = at;
             let _ = findings.push(Finding::Touched(contact.clone(), false));
             let _ = findings.push(Finding::Settled(contact));

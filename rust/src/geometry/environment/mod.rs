@@ -1,4 +1,16 @@
-//! The known environment E: planes, boxes and spheres, which of them a ball touches, and how far a ray sees.
+//! The known environment E: planes, boxes, spheres and meshes, which of them a ball touches, and how far a ray sees.
+
+#[cfg(feature = "std")]
+mod mesh;
+mod sweep;
+#[cfg(feature = "std")]
+mod topology;
+
+#[cfg(feature = "std")]
+pub use mesh::Mesh;
+pub use sweep::Sweep;
+#[cfg(feature = "std")]
+pub use topology::MeshError;
 
 use crate::config::{EnvironmentConfig, Name};
 use crate::math::{Mat3, Vec3, sqrt};
@@ -8,12 +20,32 @@ use parry3d::math::Vec3 as Single;
 use parry3d::query::{Ray, RayCast};
 use parry3d::shape::{Ball, Cuboid, HalfSpace};
 
+/// A mesh, read once and shared by whoever knows it.
+#[cfg(feature = "std")]
+pub type SharedMesh = std::sync::Arc<Mesh>;
+/// Without `std` there are no meshes.
+#[cfg(not(feature = "std"))]
+pub type SharedMesh = core::convert::Infallible;
+
 /// What a surface is known to be.
 #[derive(Clone, Debug, PartialEq)]
 enum Shape {
     Plane,
-    Box { center: Vec3, half: Vec3, rotation: Mat3 },
-    Sphere { center: Vec3, radius: f64 },
+    Box {
+        center: Vec3,
+        half: Vec3,
+        rotation: Mat3,
+    },
+    Sphere {
+        center: Vec3,
+        radius: f64,
+    },
+    #[cfg(feature = "std")]
+    Mesh {
+        mesh: SharedMesh,
+        origin: Vec3,
+        rotation: Mat3,
+    },
 }
 
 /// A known surface.
@@ -35,13 +67,13 @@ pub struct Environment {
 }
 
 /// How far a real surface may be from where it is said to be, m.
-const SURVEY_SD: f64 = 0.003;
+pub const SURVEY_SD: f64 = 0.003;
 
 impl Environment {
     /// Surfaces at the most.
     pub const CAPACITY: usize = 24;
 
-    /// The environment of a valid configuration: planes, boxes, spheres, each in the file's order.
+    /// The environment of a valid configuration: planes, boxes, spheres, meshes, each in the file's order.
     pub fn new(config: &EnvironmentConfig) -> Self {
         let mut surfaces = Vec::new();
         for plane in &config.plane {
@@ -70,6 +102,17 @@ impl Environment {
                 offset,
                 shape: Shape::Sphere { center, radius },
             });
+        }
+        #[cfg(feature = "std")]
+        for known in &config.mesh {
+            // A valid configuration's are all there.
+            let Some(mesh) = known.solid.clone() else { continue };
+            let pose = known.pose.unwrap_or([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]);
+            let (origin, rotation) = (Vec3::from_fn(|i, _| pose[i][3]), Mat3::from_fn(|i, j| pose[i][j]));
+            let (normal, point) = mesh.top(&rotation.row(2).transpose()).unwrap_or((Vec3::z(), Vec3::zeros()));
+            let normal = rotation * normal;
+            let offset = normal.dot(&(origin + rotation * point));
+            let _ = surfaces.push(KnownSurface { name: known.name.clone(), normal, offset, shape: Shape::Mesh { mesh, origin, rotation } });
         }
         Self { surfaces }
     }
@@ -110,6 +153,11 @@ impl KnownSurface {
                 let turn = rotation.transpose();
                 Cuboid::new(single(*half)).cast_local_ray(&local(turn * (origin - center), turn * ray), longest, true)
             }
+            #[cfg(feature = "std")]
+            Shape::Mesh { mesh, origin: own, rotation } => {
+                let turn = rotation.transpose();
+                return mesh.cast(&(turn * (origin - own)), &(turn * ray), longest.into());
+            }
         }?;
         // Who stands inside sees nothing of it.
         (times > 0.0).then_some(times.into())
@@ -132,6 +180,11 @@ impl KnownSurface {
                 let depth = |i: usize| half[i] - local[i].abs();
                 let face = (0..3).min_by(|&i, &j| depth(i).total_cmp(&depth(j))).unwrap_or(2);
                 (-depth(face), rotation.column(face) * 1f64.copysign(local[face]))
+            }
+            #[cfg(feature = "std")]
+            Shape::Mesh { mesh, origin, rotation } => {
+                let (distance, normal) = mesh.distance(&(rotation.transpose() * (p - origin)));
+                (distance, rotation * normal)
             }
         }
     }

@@ -1,0 +1,493 @@
+//! How a camera of known orientation moved while balls flew before it: sec. 3.1 (ii), camera path = predicted − measured.
+//!
+//! The paper takes the ball's first velocity and predicts from there. Here the path is one linear-Gaussian problem: the balls' states, where the
+//! camera stood before and after, and in each instant between a displacement of its own, which is integrated out. When the camera began to
+//! move and when it stopped are hypotheses, weighed by their evidence.
+//!
+//! What no flight tells is taken for granted: that the camera stands as the first flight begins (a constant velocity is the ball's as well).
+
+use crate::math::{Mat3, Vec3, exp, symmetric};
+use crate::physics::Sample;
+use crate::physics::accumulator::{Accumulator, Solution};
+use crate::physics::flight::{Flight, VELOCITY_SD};
+use crate::physics::gravity::Gravity;
+use crate::physics::law::Law;
+use crate::physics::paper;
+use heapless::Vec;
+use nalgebra::{SMatrix, SVector};
+
+/// Instants solved together: 3 s of a Kinect.
+pub const INSTANTS: usize = 96;
+/// Balls that share the camera.
+pub const BALLS: usize = 4;
+/// Acceleration of a camera that is moved by hand, m/s² (standard deviation).
+const ACCELERATION: f64 = 6.0;
+/// It gets no farther than this within a flight, m (standard deviation).
+const REACH: f64 = 0.3;
+/// One that stands is as still as this, m: on a table, or in a hand that keeps still.
+const TREMOR: f64 = 1e-4;
+/// Of a ball's position at first, m.
+const ANYWHERE: f64 = 10.0;
+/// Moments at which motion may begin or end that are tried at first; between the best ones all are.
+const MOMENTS: usize = 20;
+/// Log of the prior probability that the camera stands throughout; likewise that it moves, and that it moves and stops.
+const STANDS: f64 = 0.5;
+
+/// An instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Instant {
+    /// Time, s.
+    pub t: f64,
+    /// Where static structure shows the camera then, world axes, m, and the information of that, 1/m²: none along what it says nothing of.
+    pub structure: (Vec3, Mat3),
+}
+
+/// A ball's measured center at an instant: in world axes, from a camera that is thought not to have moved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Glimpse {
+    /// Index of the instant.
+    pub instant: usize,
+    /// Which ball, below [`BALLS`].
+    pub ball: usize,
+    /// When and where.
+    pub sample: Sample,
+}
+
+/// Where the camera is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Displacement {
+    /// World axes, m.
+    pub mean: Vec3,
+    /// m².
+    pub covariance: Mat3,
+}
+
+/// The camera's path.
+#[derive(Clone, Debug)]
+pub struct Translation {
+    /// At each instant.
+    pub path: Vec<Displacement, INSTANTS>,
+    /// Probability that the camera stood all the time.
+    pub still: f64,
+    /// Weighted squares of the best hypothesis' residuals, and how many numbers were left over to make them.
+    pub chi2: (f64, f64),
+}
+
+/// When the camera moved: it stood up to one instant, and again from the other one on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Span {
+    from: usize,
+    to: usize,
+}
+
+/// Moves of a camera, seen by balls.
+pub struct Problem<'a> {
+    /// How a ball flies.
+    pub law: &'a dyn Law,
+    /// What is known of gravity.
+    pub gravity: &'a Gravity,
+    /// In the order of time.
+    pub instants: &'a [Instant],
+    /// In the order of time.
+    pub glimpses: &'a [Glimpse],
+    /// Where the camera is thought to be at the first instant.
+    pub anchor: Displacement,
+}
+
+impl Problem<'_> {
+    /// The path; `None` without instants, with too many, or where nothing makes sense.
+    pub fn solve(&self) -> Option<Translation> {
+        match self.glimpses.iter().map(|g| g.ball + 1).max().unwrap_or(0) {
+            0 => self.solve_with::<9>(),
+            1 => self.solve_with::<15>(),
+            2 => self.solve_with::<21>(),
+            3 => self.solve_with::<27>(),
+            BALLS => self.solve_with::<33>(),
+            _ => None,
+        }
+    }
+
+    /// The paper's path: each ball's first two glimpses give its velocity, from there it is predicted by Eq. 5, run on from its own predictions, and
+    /// the camera is where prediction and measurement differ; the mean over the balls. θ (m) is all that the paper says of its errors: the first
+    /// step has it, and each later one as much more.
+    pub fn solve_by_paper(&self, theta: f64) -> Translation {
+        let displacement = |k: usize| {
+            let (mut sum, mut steps, mut count) = (Vec3::zeros(), 0, 0.0);
+            for glimpse in self.glimpses.iter().filter(|g| g.instant == k) {
+                let mut own = self.glimpses.iter().filter(|g| g.ball == glimpse.ball).map(|g| (g.instant, &g.sample));
+                if let (Some((first, a)), Some((_, b))) = (own.next(), own.next())
+                    && let Some(predicted) = paper::predict(a, b, glimpse.sample.t, &self.gravity.mean)
+                {
+                    sum += predicted - glimpse.sample.position;
+                    steps = steps.max(k - first);
+                    count += 1.0;
+                }
+            }
+            let sd = if count > 0.0 { theta * (1 + steps) as f64 } else { REACH };
+            let mean = self.anchor.mean + if count > 0.0 { sum / count } else { Vec3::zeros() };
+            Displacement { mean, covariance: Mat3::from_diagonal_element(sd * sd) }
+        };
+        Translation { path: (0..self.instants.len().min(INSTANTS)).map(displacement).collect(), still: 0.0, chi2: (0.0, 0.0) }
+    }
+
+    fn solve_with<const N: usize>(&self) -> Option<Translation> {
+        let last = self.instants.len().checked_sub(1)?;
+        let mut frame = Linear::<N>::new(self)?;
+        let mut weighed: Vec<(Span, f64), 512> = Vec::new();
+        let mut best = self.search(&frame, &mut weighed)?;
+        // Drag bends by what the velocities are: once more about the best ones.
+        let solution = frame.fit(self, best).solve()?;
+        if frame.improve(self, &solution) {
+            weighed.clear();
+            best = self.search(&frame, &mut weighed)?;
+        }
+        let top = weighed.iter().map(|(_, log)| *log).fold(f64::NEG_INFINITY, f64::max);
+        weighed.retain(|(_, log)| log - top > -12.0);
+        let total: f64 = weighed.iter().map(|(_, log)| exp(log - top)).sum();
+        let nowhere = Displacement { mean: Vec3::zeros(), covariance: Mat3::zeros() };
+        let mut path: Vec<Displacement, INSTANTS> = self.instants.iter().map(|_| nowhere).collect();
+        let mut still = 0.0;
+        for (span, log) in &weighed {
+            let weight = exp(log - top) / total;
+            let solution = frame.fit(self, *span).solve()?;
+            still += if span.from >= last { weight } else { 0.0 };
+            for (k, mixed) in path.iter_mut().enumerate() {
+                let here = frame.displacement(self, *span, k, &solution);
+                mixed.mean += here.mean * weight;
+                mixed.covariance += (here.covariance + here.mean * here.mean.transpose()) * weight;
+            }
+        }
+        for mixed in &mut path {
+            mixed.covariance = symmetric(&(mixed.covariance - mixed.mean * mixed.mean.transpose()));
+        }
+        let solution = frame.fit(self, best).solve()?;
+        let balls = (N - 9) / 6;
+        let unknowns = 6.0 * balls as f64 + if best.from < last { 3.0 } else { 0.0 };
+        let dof = 3.0 * self.glimpses.len() as f64 - unknowns;
+        Some(Translation { path, still, chi2: (solution.chi2, dof) })
+    }
+
+    /// Weighs when the camera may have moved, coarsely and then finely; the best.
+    fn search<const N: usize>(&self, frame: &Linear<N>, weighed: &mut Vec<(Span, f64), 512>) -> Option<Span> {
+        let last = self.instants.len().checked_sub(1)?;
+        let step = self.instants.len().div_ceil(MOMENTS);
+        let try_span = |span: Span, weighed: &mut Vec<(Span, f64), 512>| {
+            if weighed.iter().all(|(tried, _)| *tried != span)
+                && let Some(solution) = frame.fit(self, span).solve()
+            {
+                let _ = weighed.push((span, solution.log_evidence + self.log_prior(span)));
+            }
+        };
+        let stands = Span { from: last, to: last };
+        try_span(stands, weighed);
+        for from in (0..last).step_by(step) {
+            try_span(Span { from, to: last + 1 }, weighed);
+            (from + 2..=last).step_by(step).for_each(|to| try_span(Span { from, to }, weighed));
+        }
+        let top = |weighed: &[(Span, f64)]| weighed.iter().max_by(|a, b| a.1.total_cmp(&b.1)).map(|(span, _)| *span);
+        let coarse = top(weighed)?;
+        if coarse.from < last && step > 1 {
+            for from in coarse.from.saturating_sub(step)..(coarse.from + step).min(last) {
+                let ends =
+                    if coarse.to > last { last + 1..last + 2 } else { coarse.to.saturating_sub(step)..(coarse.to + step).min(last + 1) };
+                ends.filter(|to| *to >= from + 2).for_each(|to| try_span(Span { from, to }, weighed));
+            }
+        }
+        top(weighed)
+    }
+
+    /// The camera stands, or it moves from any instant on, for good or up to any later one.
+    fn log_prior(&self, span: Span) -> f64 {
+        let (count, last) = (self.instants.len() as f64, self.instants.len() - 1);
+        let part = match () {
+            () if span.from >= last => STANDS,
+            () if span.to > last => 0.5 * (1.0 - STANDS) / count,
+            () => (1.0 - STANDS) / (count * count),
+        };
+        crate::math::log(part)
+    }
+
+    /// Standard deviation of the displacement at an instant about where the camera stood, and whether that is where it stops.
+    fn freedom(&self, span: Span, k: usize) -> (f64, bool) {
+        let time = |i: usize| self.instants.get(i).map_or(f64::INFINITY, |instant| instant.t);
+        if k <= span.from {
+            return (TREMOR, false);
+        }
+        if k >= span.to {
+            return (TREMOR, true);
+        }
+        let (gone, left) = (time(k) - time(span.from), time(span.to) - time(k));
+        let reach = |dt: f64| (0.5 * ACCELERATION * dt * dt).clamp(TREMOR, REACH);
+        (reach(gone.min(left)), left < gone)
+    }
+}
+
+/// The problem about a first guess. Unknowns: for each ball position and velocity (less the guess, at the ball's first glimpse), then where the camera
+/// is at first, how far it goes, gravity (less the guess).
+struct Linear<const N: usize> {
+    /// One for each ball.
+    flights: Vec<Flight, BALLS>,
+    /// Measured less guessed, one for each glimpse.
+    residuals: Vec<Vec3, { INSTANTS * BALLS }>,
+}
+
+impl<const N: usize> Linear<N> {
+    const ANCHOR: usize = N - 9;
+    const AWAY: usize = N - 6;
+    const GRAVITY: usize = N - 3;
+
+    fn new(problem: &Problem) -> Option<Self> {
+        let mut flights = Vec::new();
+        for ball in 0..(N - 9) / 6 {
+            let mut first = problem.glimpses.iter().filter(|g| g.ball == ball).map(|g| g.sample);
+            // By the first few: the camera may move later.
+            let samples: Vec<Sample, 6> = first.by_ref().take(6).collect();
+            let mut flight = Flight::fit(problem.law, &samples, problem.gravity)?;
+            flight.gravity = problem.gravity.mean;
+            flight.state = flight.state.at(samples.first()?.t, problem.law, &flight.gravity);
+            let _ = flights.push(flight);
+        }
+        let mut linear = Self { flights, residuals: Vec::new() };
+        linear.compare(problem);
+        Some(linear)
+    }
+
+    fn compare(&mut self, problem: &Problem) {
+        let mut states: Vec<_, BALLS> = self.flights.iter().map(|flight| flight.state).collect();
+        self.residuals.clear();
+        for glimpse in problem.glimpses {
+            let Some(state) = states.get_mut(glimpse.ball) else { continue };
+            *state = state.at(glimpse.sample.t, problem.law, &problem.gravity.mean);
+            let _ = self.residuals.push(glimpse.sample.position - state.position);
+        }
+    }
+
+    /// Moves the guess to what was found; whether that bends the flights anew.
+    fn improve(&mut self, problem: &Problem, solution: &Solution<N>) -> bool {
+        let mut farthest: f64 = 0.0;
+        for (ball, flight) in self.flights.iter_mut().enumerate() {
+            flight.state.position += solution.mean.fixed_rows::<3>(6 * ball);
+            let change = solution.mean.fixed_rows::<3>(6 * ball + 3);
+            flight.state.velocity += change;
+            farthest = farthest.max(change.norm());
+        }
+        self.compare(problem);
+        farthest > 1e-3
+    }
+
+    /// What one glimpse sees of the unknowns when the camera is where it stands: before the span, or `away`.
+    fn design(&self, glimpse: &Glimpse, away: bool) -> SMatrix<f64, 3, N> {
+        let s = self.flights.get(glimpse.ball).map_or(0.0, |flight| glimpse.sample.t - flight.state.t);
+        let blocks = [
+            (6 * glimpse.ball, 1.0),
+            (6 * glimpse.ball + 3, s),
+            (Self::ANCHOR, -1.0),
+            (Self::AWAY, if away { -1.0 } else { 0.0 }),
+            (Self::GRAVITY, 0.5 * s * s),
+        ];
+        let mut design = SMatrix::zeros();
+        for (first, coefficient) in blocks {
+            for axis in 0..3 {
+                design[(axis, first + axis)] = coefficient;
+            }
+        }
+        design
+    }
+
+    /// Where the camera stands: before the span, or `away`.
+    fn standing(away: bool) -> SMatrix<f64, 3, N> {
+        let mut design = SMatrix::zeros();
+        for axis in 0..3 {
+            design[(axis, Self::ANCHOR + axis)] = 1.0;
+            design[(axis, Self::AWAY + axis)] = if away { 1.0 } else { 0.0 };
+        }
+        design
+    }
+
+    /// The normal equations under the hypothesis that the camera moved in `span`.
+    fn fit(&self, problem: &Problem, span: Span) -> Accumulator<N> {
+        let mut fit = Accumulator::<N>::default();
+        let known = |sd: f64| Mat3::from_diagonal_element(1.0 / (sd * sd));
+        for ball in 0..self.flights.len() {
+            fit.expect_block(6 * ball, &Vec3::zeros(), &known(ANYWHERE));
+            fit.expect_block(6 * ball + 3, &Vec3::zeros(), &known(VELOCITY_SD));
+        }
+        let anchor = problem.anchor.covariance + Mat3::from_diagonal_element(TREMOR * TREMOR);
+        let about = anchor.try_inverse().unwrap_or_else(|| known(TREMOR));
+        fit.expect_block(Self::ANCHOR, &problem.anchor.mean, &about);
+        fit.expect_block(Self::AWAY, &Vec3::zeros(), &known(REACH));
+        let guess = Gravity { mean: Vec3::zeros(), size: None, ..*problem.gravity };
+        fit.expect_block(Self::GRAVITY, &guess.mean, &guess.information);
+        if let Some(size) = problem.gravity.size {
+            // Its size is known, as exactly as the guess's direction lets it be one number.
+            let direction = problem.gravity.mean / size;
+            let mut row = SVector::<f64, N>::zeros();
+            row.fixed_rows_mut::<3>(Self::GRAVITY).copy_from(&direction);
+            let curvature = problem.gravity.spread() / size;
+            fit.observe(&row, 0.0, crate::math::hypot(0.02, curvature));
+        }
+        let mut glimpses = problem.glimpses.iter().zip(&self.residuals).peekable();
+        for (k, instant) in problem.instants.iter().enumerate() {
+            let (sd, away) = problem.freedom(span, k);
+            let prior = known(sd);
+            let (mut information, mut cross, mut vector) = (prior, SMatrix::<f64, 3, N>::zeros(), Vec3::zeros());
+            fit.normalise(&prior);
+            while let Some((glimpse, residual)) = glimpses.next_if(|(glimpse, _)| glimpse.instant <= k) {
+                let (design, weight) = (self.design(glimpse, away), &glimpse.sample.weight);
+                fit.observe_design(&design, residual, weight);
+                information += weight;
+                cross -= weight * design;
+                vector -= weight * residual;
+            }
+            let (shown, seen) = &instant.structure;
+            if *seen != Mat3::zeros() {
+                let standing = Self::standing(away);
+                fit.observe_design(&standing, shown, seen);
+                information += seen;
+                cross += seen * standing;
+                vector += seen * shown;
+            }
+            fit.integrate_out(&information, &cross, &vector);
+        }
+        fit
+    }
+
+    /// The camera's displacement at instant `k`, by what the balls' and the camera's `solution` is under `span`.
+    fn displacement(&self, problem: &Problem, span: Span, k: usize, solution: &Solution<N>) -> Displacement {
+        let (sd, away) = problem.freedom(span, k);
+        let standing = Self::standing(away);
+        // Less where it would stand: (prior + Σ weights) · rest = Σ weight · (predicted − measured) …
+        let mut information = Mat3::from_diagonal_element(1.0 / (sd * sd));
+        let (mut cross, mut vector) = (SMatrix::<f64, 3, N>::zeros(), Vec3::zeros());
+        let here = problem.glimpses.iter().zip(&self.residuals).filter(|(glimpse, _)| glimpse.instant == k);
+        for (glimpse, residual) in here {
+            let weight = &glimpse.sample.weight;
+            information += weight;
+            cross -= weight * self.design(glimpse, away);
+            vector -= weight * residual;
+        }
+        if let Some(Instant { structure: (shown, seen), .. }) = problem.instants.get(k) {
+            information += seen;
+            cross += seen * standing;
+            vector += seen * shown;
+        }
+        let Some(own) = information.try_inverse() else {
+            return Displacement { mean: Vec3::zeros(), covariance: Mat3::from_diagonal_element(REACH * REACH) };
+        };
+        let of_unknowns = standing - own * cross;
+        let mean = of_unknowns * solution.mean + own * vector;
+        Displacement { mean, covariance: symmetric(&(of_unknowns * solution.covariance * of_unknowns.transpose() + own)) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::physics::law::{FreeFallWithDrag, State};
+
+    const G: Vec3 = Vec3::new(0.0, 0.0, -9.81);
+    const LAW: FreeFallWithDrag = FreeFallWithDrag { drag: 0.019 };
+    const SD: f64 = 1e-3;
+
+    /// Minimum jerk from 0 to 1 over `from..to`.
+    fn moved(t: f64, from: f64, to: f64) -> f64 {
+        let s = ((t - from) / (to - from)).clamp(0.0, 1.0);
+        s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
+    }
+
+    /// Numbers like independent normal ones.
+    fn noise(seed: &mut u64) -> f64 {
+        (0..12)
+            .map(|_| {
+                *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                (*seed >> 11) as f64 / (1_u64 << 53) as f64
+            })
+            .sum::<f64>()
+            - 6.0
+    }
+
+    /// 25 frames of balls before a camera that goes `travel` in mid-flight; the path found, and the true one.
+    fn solve(balls: usize, travel: Vec3, gravity: &Gravity, seed: &mut u64) -> (Translation, std::vec::Vec<Vec3>) {
+        let truth: std::vec::Vec<Vec3> = (0..25).map(|k| travel * moved(f64::from(k) / 30.0, 0.24, 0.58)).collect();
+        let instants: std::vec::Vec<Instant> =
+            (0..25).map(|k| Instant { t: f64::from(k) / 30.0, structure: (Vec3::zeros(), Mat3::zeros()) }).collect();
+        let starts = [Vec3::new(0.8, 0.2, 3.6), Vec3::new(-0.5, 0.1, 3.2), Vec3::new(0.1, -0.4, 3.9), Vec3::new(0.0, 0.3, 3.4)];
+        let glimpses: std::vec::Vec<Glimpse> = (0..25 * balls)
+            .map(|i| {
+                let (instant, ball) = (i / balls, i % balls);
+                let start = State { t: 0.0, position: Vec3::new(0.3 * ball as f64, 1.5, 0.0), velocity: starts[ball] };
+                let t = instants[instant].t;
+                let off = Vec3::new(noise(seed), noise(seed), noise(seed)) * SD;
+                let seen = start.at(t, &LAW, &G).position - truth[instant] + off;
+                Glimpse { instant, ball, sample: Sample::isotropic(t, seen, SD) }
+            })
+            .collect();
+        let anchor = Displacement { mean: Vec3::zeros(), covariance: Mat3::zeros() };
+        let found = Problem { law: &LAW, gravity, instants: &instants, glimpses: &glimpses, anchor }.solve().unwrap();
+        (found, truth)
+    }
+
+    #[test]
+    fn a_camera_that_moves_in_mid_flight_is_followed_and_its_covariance_is_honest() {
+        let (mut squares, mut nees, mut count, mut seed) = (0.0, 0.0, 0.0, 3);
+        for run in 0..20 {
+            let angle = f64::from(run);
+            let travel = Vec3::new(angle.cos(), 0.3 * angle.sin(), 0.4 * angle.sin()).normalize() * 0.155;
+            let (found, truth) = solve(1, travel, &Gravity::known(G), &mut seed);
+            assert!(found.still < 1e-6 && found.chi2.0 < 2.0 * found.chi2.1, "{:?}", found.chi2);
+            for (found, truth) in found.path.iter().zip(&truth) {
+                let error = found.mean - truth;
+                squares += error.norm_squared();
+                // One that surely stands is known to be there: what is left of its covariance is a tenth of a millimetre.
+                nees += error.dot(&((found.covariance + Mat3::identity() * 1e-8).try_inverse().unwrap() * error)) / 3.0;
+                count += 1.0;
+            }
+        }
+        let (rms, nees) = (crate::math::sqrt(squares / count), nees / count);
+        // In space a single glimpse is off by 1.7 mm.
+        assert!(rms < 3.0 * SD, "{rms}");
+        assert!((0.5..1.6).contains(&nees), "{nees}");
+    }
+
+    #[test]
+    fn one_that_stands_is_known_to() {
+        let (found, _) = solve(1, Vec3::zeros(), &Gravity::known(G), &mut 5);
+        assert!(found.still > 0.9 && found.path.iter().all(|d| d.mean.norm() < 1e-3), "{}", found.still);
+    }
+
+    #[test]
+    fn balls_share_the_camera() {
+        let travel = Vec3::new(0.1, 0.0, 0.1);
+        let rms = |balls| {
+            let mut seed = 9;
+            let squares = (0..10).map(|_| {
+                let (found, truth) = solve(balls, travel, &Gravity::known(G), &mut seed);
+                found.path.iter().zip(&truth).map(|(d, t)| (d.mean - t).norm_squared()).sum::<f64>() / 25.0
+            });
+            crate::math::sqrt(squares.sum::<f64>() / 10.0)
+        };
+        let (one, four) = (rms(1), rms(4));
+        assert!(four < 0.75 * one, "{one} {four}");
+    }
+
+    #[test]
+    fn what_structure_shows_is_believed() {
+        let mut seed = 1;
+        let (loose, truth) = solve(1, Vec3::new(0.155, 0.0, 0.0), &Gravity::known(G), &mut seed);
+        let wall = Mat3::from_diagonal(&Vec3::new(1e8, 0.0, 0.0));
+        let instants: std::vec::Vec<Instant> =
+            truth.iter().enumerate().map(|(k, d)| Instant { t: k as f64 / 30.0, structure: (*d, wall) }).collect();
+        let start = State { t: 0.0, position: Vec3::new(0.0, 1.5, 0.0), velocity: Vec3::new(0.8, 0.2, 3.6) };
+        let glimpses: std::vec::Vec<Glimpse> = (truth.iter().enumerate())
+            .map(|(k, d)| {
+                let t = instants[k].t;
+                let off = Vec3::new(noise(&mut seed), noise(&mut seed), noise(&mut seed)) * SD;
+                Glimpse { instant: k, ball: 0, sample: Sample::isotropic(t, start.at(t, &LAW, &G).position - d + off, SD) }
+            })
+            .collect();
+        let anchor = Displacement { mean: Vec3::zeros(), covariance: Mat3::zeros() };
+        let tied = Problem { law: &LAW, gravity: &Gravity::known(G), instants: &instants, glimpses: &glimpses, anchor }.solve().unwrap();
+        assert!(tied.path.iter().zip(&truth).all(|(d, t)| (d.mean.x - t.x).abs() < 4e-4));
+        assert!(tied.path[12].covariance[(0, 0)] < 0.1 * loose.path[12].covariance[(0, 0)]);
+    }
+}

@@ -1,0 +1,78 @@
+//! Trajectories known up to scale. Python's signatures and documentation are in `arrays.py`.
+
+use super::array::{array1, array2};
+use super::law;
+use super::result::ScaleFit;
+use super::samples::{Noise, samples};
+use crate::physics::scale::{self, NoScale};
+use crate::physics::split;
+use crate::source::{Csv, Input, Source};
+use pyo3::IntoPyObjectExt;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use std::format;
+use std::fs::File;
+use std::path::PathBuf;
+use std::string::ToString;
+use std::vec::Vec;
+
+/// Metres per unit, or why there is no such thing.
+#[pyfunction]
+pub fn fit_scale<'py>(
+    t: &Bound<'py, PyAny>,
+    positions: &Bound<'py, PyAny>,
+    gravity: f64,
+    drag: Option<&Bound<'py, PyAny>>,
+    sd: Option<f64>,
+    covariance: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    if !(gravity > 0.0 && gravity.is_finite()) {
+        return Err(PyValueError::new_err(format!("gravity = {gravity}: a size must be above 0 and finite, m/s²")));
+    }
+    let drag = law::drag(drag)?.drag;
+    let noise = Noise { sd, covariance };
+    let mut samples = samples(t, positions, noise, if noise.is_unknown() { split::LEAST } else { 4 })?;
+    let mut scratch = std::vec![0.0; 3 * samples.len()];
+    match scale::fit_scale(&mut samples, gravity, drag, !noise.is_unknown(), &mut scratch) {
+        Ok(fit) => {
+            ScaleFit { scale: fit.scale, sd: fit.sd, gravity_direction: fit.down.into(), residual_sd: fit.residual_sd, dof: fit.dof }
+                .into_bound_py_any(t.py())
+        }
+        Err(NoScale::Straight) => {
+            "its acceleration can't be told from none: it moves straight, or was not seen long enough".into_bound_py_any(t.py())
+        }
+        Err(NoScale::NoFlight { residual_sd, noise }) => format!(
+            "no one flight fits: it is {residual_sd:.1e} units off, its noise is {noise:.1e}; was it touched, or does it move by itself?"
+        )
+        .into_bound_py_any(t.py()),
+    }
+}
+
+/// The flights of a motion, as slices.
+#[pyfunction]
+pub fn split_flights<'py>(t: &Bound<'py, PyAny>, positions: &Bound<'py, PyAny>) -> PyResult<Vec<(usize, usize)>> {
+    let samples = samples(t, positions, Noise { sd: None, covariance: None }, 0)?;
+    let mut found = Vec::new();
+    split::flights(&samples, &mut std::vec![0.0; 3 * samples.len()], &mut |range| found.push((range.start, range.end)));
+    Ok(found)
+}
+
+/// The rows of a CSV of positions: times (s, since the first), positions, tracks (−1 where none is told).
+#[pyfunction]
+pub fn read_positions(py: Python<'_>, path: PathBuf) -> PyResult<(Bound<'_, PyAny>, Bound<'_, PyAny>, Vec<i64>)> {
+    let name = path.display().to_string();
+    let file = File::open(&path).map_err(|error| crate::source::SourceError::unreadable(&name, error))?;
+    let mut csv = Csv::new(&name, file, 0.0);
+    let (mut times, mut centers, mut tracks): (Vec<f64>, Vec<[f64; 3]>, Vec<i64>) = Default::default();
+    let mut first = None;
+    while let Some(input) = csv.next_input()? {
+        let Input::Positions { timestamp_ns, positions } = input else { continue };
+        let since = timestamp_ns - *first.get_or_insert(timestamp_ns);
+        for position in positions {
+            times.push(since as f64 * 1e-9);
+            centers.push(position.center.into());
+            tracks.push(position.label.map_or(-1, i64::from));
+        }
+    }
+    Ok((array1(py, &times), array2(py, &centers)?, tracks))
+}

@@ -1,0 +1,96 @@
+"""The known environment: meshes that are read or refused, and predictions that bounce."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+
+import physinc
+from physinc._physinc import dump_config
+
+CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
+CLOSED = CORNERS + "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+RIGID = "[[0, -1, 0, 2], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"
+
+
+def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", "import sys; from physinc.cli import main; sys.exit(main())", "run", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "pose", "message"),
+    [
+        (CORNERS, RIGID, "it has no triangles"),
+        (CLOSED.replace("v 1 0 0", "v 1 nan 0"), RIGID, "vertex 1 (from 0) is NaN or infinite"),
+        (CLOSED.replace("f 1 3 2\n", ""), RIGID, "it is not closed: 3 of its edges"),
+        (CLOSED.replace("f 1 3 2", "f 1 2 3"), RIGID, "its faces look different ways"),
+        (CORNERS + "f 1 2 3\nf 1 4 2\nf 2 4 3\nf 3 4 1\n", RIGID, "it is inside out"),
+        (CLOSED.replace(" 1", " 2500"), RIGID, "export the mesh anew"),
+        (CLOSED.replace("v 1 0 0", "v 2500 0 0"), RIGID, "in metres, not in millimetres"),
+        (CLOSED, RIGID.replace("-1", "-2"), "environment.mesh.pose: expected 4 rows of 4, a rotation and a translation"),
+    ],
+)
+def test_a_mesh_that_cannot_be_is_refused_in_one_line(tmp_path: Path, mesh: str, pose: str, message: str) -> None:
+    (tmp_path / "m.obj").write_text(mesh)
+    config = tmp_path / "config.toml"
+    config.write_text(f'[[environment.mesh]]\nname = "block"\npath = "m.obj"\npose = {pose}\n')
+    for arguments in (["demo", "--json"], ["--dump-config"]):
+        refused = run(*arguments, "--config", config)
+        assert (refused.returncode, refused.stdout) == (2, "")
+        assert message in refused.stderr
+        assert "config.toml:" in refused.stderr
+        assert len(refused.stderr.splitlines()) == 1
+
+
+def test_an_unknown_shape_is_told_which_there_are(tmp_path: Path) -> None:
+    config = tmp_path / "config.toml"
+    config.write_text("[[environment.cone]]\nradius = 1.0\n")
+    refused = run("demo", "--config", config)
+    assert refused.returncode == 2
+    assert "config.toml:1: `[[environment.cone]]`: unknown field `cone`, expected one of `plane`, `box`, `sphere`, `mesh`" in refused.stderr
+
+
+def test_a_mesh_is_read_from_beside_its_file_and_from_python(tmp_path: Path) -> None:
+    (tmp_path / "m.obj").write_text(CLOSED)
+    config = tmp_path / "config.toml"
+    config.write_text(f'[[environment.mesh]]\nname = "block"\npath = "m.obj"\npose = {RIGID}\n')
+    printed = dump_config(config=config)
+    assert str(tmp_path / "m.obj") in printed
+    # What is in force means the same from anywhere.
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "again.toml").write_text(printed)
+    assert dump_config(config=tmp_path / "sub" / "again.toml") == printed
+    mesh = physinc.KnownMesh(str(tmp_path / "m.obj"), "block", [[0, -1, 0, 2], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    known = physinc.Config(environment=physinc.EnvironmentConfig(mesh=[mesh]))
+    assert dump_config(config=known) == dump_config(config=asdict(known)) == printed
+    surfaces = [e for e in physinc.stream("demo", config=known) if isinstance(e, physinc.Surface) and e.id == 0]
+    assert surfaces[0].name == "block"
+
+
+def falling() -> Iterator[physinc.Position]:
+    for i in range(12):
+        t = i / 30
+        yield physinc.Position(int(t * 1e9), (0.5 * t, 1.5, 1.0 - 4.905 * t * t), covariance=[[1e-6, 0, 0], [0, 1e-6, 0], [0, 0, 1e-6]])
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_predictions_bounce_off_what_is_known(known: bool) -> None:
+    planes = [physinc.KnownPlane("ground")] if known else []
+    config = physinc.Config(laws=physinc.LawsConfig(drag=False), environment=physinc.EnvironmentConfig(plane=planes))
+    with physinc.stream(falling(), config=config, positions=True) as stream:
+        for event in stream:
+            if event.timestamp_ns >= int(11 / 30 * 1e9):
+                break
+        (track,) = stream.tracks.values()
+        center, covariance = track.predict(0.6)
+        before, _ = track.predict(0.4)
+    assert before[2] == pytest.approx(1.0 - 4.905 * 0.16, abs=5e-3)
+    assert (center[2] > 0.033) == known
+    # What is not known of the restitution.
+    assert (covariance[2][2] > 0.1**2) == known

@@ -1,0 +1,150 @@
+"""`physinc reproduce`: the page stands by itself, its figures are labelled, its numbers are the events'."""
+
+from __future__ import annotations
+
+import base64
+import html
+import importlib.util
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import physinc
+from physinc import reproduce_command
+from physinc.cli import main
+from physinc.reproduce import style
+from physinc.reproduce.all import EXPERIMENTS
+from physinc.reproduce.experiment import Section, spread
+from physinc.reproduce.observation import PAPER, observe
+from physinc.reproduce.page import page
+from physinc.reproduce.surfaces import SCENE, estimated, table
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("made") / "deep" / "page"
+    assert main(["reproduce", "--out", str(out), "--seeds", "2", "--only", "surfaces"]) == 0
+    return out
+
+
+def cells(text: str, first: str) -> list[str]:
+    """The row of a table of the page that begins with `first`."""
+    row = re.search(rf"<tr><td>{re.escape(first)}</td>(.*?)</tr>", text)
+    assert row is not None, first
+    return [html.unescape(cell) for cell in re.findall(r"<td>(.*?)</td>", row[1])]
+
+
+def test_the_page_needs_nothing_else(made: Path) -> None:
+    text = (made / "index.html").read_text()
+    images = re.findall(r'<img[^>]*src="([^"]*)"', text)
+    assert len(images) == 5
+    for image in images:
+        kind, _, content = image.partition(",")
+        assert kind == "data:image/png;base64"
+        assert base64.b64decode(content, validate=True).startswith(PNG)
+    rest = re.sub(r"base64,[A-Za-z0-9+/=]+", "", text)
+    assert not re.search(r"https?:|//|<script|<link|url\(|@import", rest)
+    assert all(href.startswith("#") for href in re.findall(r'href="([^"]*)"', text))
+    for figure in ("3", "4", "9", "10", "11"):
+        assert f"Counterpart of figure {figure}:" in text
+
+
+def test_figures_are_written_beside_it(made: Path) -> None:
+    inside = {base64.b64decode(content) for content in re.findall(r"base64,([A-Za-z0-9+/=]+)", (made / "index.html").read_text())}
+    files = {path.name: path.read_bytes() for path in made.glob("*.png")}
+    assert set(files.values()) == inside
+    assert sorted(files)[0] == "figure_03_inconsistency.png"
+
+
+def test_table_1_says_what_the_events_say(made: Path) -> None:
+    text = (made / "index.html").read_text()
+    first = reproduce_command.FIRST_SEED
+    for column, config in ((2, PAPER), (3, None)):
+        heights, tilts = [], []
+        for seed in (first, first + 1):
+            seen = observe(SCENE.format(seed), config)
+            surfaces = [s for s in seen.of(physinc.Surface) if s.merged_into is None]
+            ground, box = sorted(sorted(surfaces, key=lambda s: -s.contacts)[:2], key=lambda s: s.offset)
+            assert box.above is not None
+            assert ground.tilt is not None
+            heights.append(1e3 * box.above.height)
+            tilts.append(math.degrees(ground.tilt))
+        assert cells(text, "box height")[column] == f"{np.mean(heights):.2f} ± {np.std(heights, ddof=1):.2f} mm"
+        assert cells(text, "ground orientation")[column] == f"{np.mean(tilts):.2f} ± {np.std(tilts, ddof=1):.2f} °"
+    assert cells(text, "box height")[:2] == ["90 mm", "92 mm"]
+    assert cells(text, "box top orientation")[:2] == ["0°", "4.8°"]
+    assert cells(text, "ground orientation")[:2] == ["0°", "5.6°"]
+
+
+def test_what_is_not_found_is_not_made_up() -> None:
+    assert spread([math.nan, math.nan], 1, "mm", 2) == "not found"
+    assert spread([1.0, math.nan, 3.0], 1, "mm", 3) == "2.0 ± 1.4 mm (2 of 3)"
+    assert spread([1.0], 2, "mm", 1) == "1.00 mm"
+    # Before a scene in which nothing is touched there is no table to be filled.
+    nothing = estimated(observe("passive_flight?throws=1"), paper=False)
+    assert all(math.isnan(x) for x in (nothing.height, nothing.box_tilt, nothing.ground_tilt))
+    assert table([nothing], [nothing]).rows[0][3:] == ["not found", "not found"]
+
+
+def test_an_axis_without_a_unit_is_refused() -> None:
+    figure, axes = style.sheet(1, 2)
+    style.label(axes[0], "time / s", "height / m")
+    with pytest.raises(ValueError, match="without unit"):
+        style.png(figure)
+    style.label(axes[1], "time / s", "height")
+    with pytest.raises(ValueError, match="height"):
+        style.png(figure)
+    style.label(axes[1], "time / s", "height / m")
+    assert style.png(figure).startswith(PNG)
+
+
+def test_colours_differ_in_grey() -> None:
+    def grey(color: str) -> float:
+        if not color.startswith("#"):
+            return float(color)
+        r, g, b = (int(color[i : i + 2], 16) / 255 for i in (1, 3, 5))
+        return 0.299 * r + 0.587 * g + 0.114 * b
+
+    styles: list[Any] = [style.TRUE, style.MEASURED, style.PREDICTED, style.PAPER]
+    greys = sorted(grey(one["color"]) for one in styles)
+    assert min(np.diff(greys)) > 0.1
+
+
+def test_words_are_escaped() -> None:
+    text = page([Section("<b>", "a & b", [])], command="x", seeds=[1], seconds=1.0, left_out=["<i>"])
+    assert "&lt;b&gt;" in text
+    assert "a &amp; b" in text
+    assert "<i>" not in text
+
+
+def test_without_matplotlib_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    real = importlib.util.find_spec
+    monkeypatch.setattr(reproduce_command, "find_spec", lambda name: None if name == "matplotlib" else real(name))
+    assert main(["reproduce", "--out", str(tmp_path / "x")]) == 2
+    error = capsys.readouterr().err
+    assert "matplotlib" in error
+    assert "pip install 'physinc[report]'" in error
+    assert not (tmp_path / "x").exists()
+
+
+def test_misuse_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["reproduce", "--out", str(tmp_path), "--only", "everything"]) == 2
+    assert "everything" in capsys.readouterr().err
+    (tmp_path / "file").touch()
+    assert main(["reproduce", "--out", str(tmp_path / "file"), "--seeds", "1", "--only", "surfaces"]) == 1
+    assert "file" in capsys.readouterr().err
+
+
+def test_what_is_lacking_is_said() -> None:
+    there = physinc._physinc.scenes()
+    for experiment in EXPERIMENTS:
+        unknown = [scene for scene in experiment.scenes if scene not in there]
+        assert (experiment.lacks(there) is None) == (not unknown and experiment.needs() is None)
+        if experiment.scenes:
+            assert experiment.scenes[0] in (experiment.lacks([]) or "")
