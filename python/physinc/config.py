@@ -50,7 +50,8 @@ class ObjectConfig:
     """`[object]`: the tracked object; a tennis ball."""
 
     shape: Literal["sphere", "any"] = "sphere"
-    """`any` is not in this version."""
+    """`any`: whatever the background does not tell of, followed by ICP; `radius` then has no part. Its position is that of what was taken for its
+    middle when it was first seen, carried along by its motion. What stands there while the background is learned is a part of that."""
     radius: float | Sequence[float] = 0.033
     """Radius of the ball, m; a list for several kinds."""
     mass: float = 0.057

@@ -1,6 +1,6 @@
 //! Where to look: what is tracked is looked for where it can be, and the whole image is searched every so often.
 
-use crate::config::Config;
+use crate::config::{Config, Shape};
 use crate::detect::{Blob, Detection};
 use crate::geometry::camera::{Camera, Pose};
 use crate::math::{ceil, floor, sqrt};
@@ -29,19 +29,21 @@ pub struct Attention {
     everywhere_ns: Option<i64>,
     /// Whether every blob that was seen then is a ball that is tracked.
     calm: bool,
+    /// Whether things of any shape are looked for: always everywhere.
+    any: bool,
 }
 
 impl Attention {
     /// For the objects that `config` tells of.
     pub fn new(config: &Config) -> Self {
         let radius = config.object.radius.as_slice().iter().copied().fold(0.0, f64::max);
-        Self { radius, everywhere_ns: None, calm: false }
+        Self { radius, everywhere_ns: None, calm: false, any: config.object.shape == Shape::Any }
     }
 
     /// The bands in which a frame has to be searched; none where that is the whole image.
     pub fn bands(&self, timestamp_ns: i64, camera: &Camera, reasoning: &Reasoning) -> Vec<Band, TRACKS> {
         let recent = self.everywhere_ns.is_some_and(|last| seconds_between(last, timestamp_ns) < EVERYWHERE);
-        if !self.calm || !recent {
+        if self.any || !self.calm || !recent {
             return Vec::new();
         }
         let pose = reasoning.world_from_camera();

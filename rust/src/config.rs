@@ -76,7 +76,7 @@ section! {
 section! {
     /// `[object]`: the tracked object.
     ObjectConfig {
-        /// `sphere`, or `any`.
+        /// `sphere`, or `any`: whatever the background does not tell of, followed by ICP; `radius` then has no part.
         shape: Shape = Shape::Sphere,
         /// Radius of the ball, m; a list for several kinds.
         radius: Radii = Radii::one(0.033),
@@ -413,7 +413,6 @@ impl Config {
     /// What the interface names and this version can't do is refused here, in one place, never passed over.
     fn refuse_what_is_to_come(&self) -> Result<(), ConfigError> {
         let to_come = [
-            (self.object.shape == Shape::Any, "object.shape", "\"sphere\", the only shape in this version"),
             (self.laws.magnus, "laws.magnus", "false: this version has no Magnus force"),
             (
                 self.assume.objects == ObjectsAssumption::Unknown && self.assume.camera.is_some_and(CameraAssumption::moves),

@@ -184,7 +184,8 @@ impl<'b> Engine<'b> {
         }
         let mut detections: Vec<Detection, 16> = Vec::new();
         let bands = self.attention.bands(timestamp_ns, camera, &self.reasoning);
-        let whole = seeing.see_in(image, Scope { missing: loss.missing, bands: &bands }, &mut detections)?;
+        let whole =
+            seeing.see_in(image, Scope { missing: loss.missing, bands: &bands, timestamp_ns: Some(timestamp_ns) }, &mut detections)?;
         let pose = self.reasoning.world_from_camera();
         let readout = camera.readout / (camera.height as f64 - 1.0);
         let measured: Vec<Measurement, 16> = detections
@@ -194,7 +195,7 @@ impl<'b> Engine<'b> {
                 center: pose.to_world(&d.center),
                 covariance: Some(pose.covariance_to_world(&d.covariance)),
                 center_in_camera: Some(d.center),
-                label: None,
+                label: d.shape,
                 radius: d.radius,
                 points: Some(d.points),
                 residual_rms: Some(d.residual_rms),

@@ -2,14 +2,18 @@
 #![allow(unsafe_code)] // An allocator that counts is the only way to see this.
 
 mod packets;
+mod solids;
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use physinc::config::Config;
+use physinc::config::{CameraConfig, Config, Shape};
 use physinc::engine::Engine;
 use physinc::event::{Event, Kind};
+use physinc::geometry::camera::{Camera, DepthCode};
+use physinc::geometry::motion::Motion;
 use physinc::kinect::disparity::Packing;
+use physinc::math::Vec3;
 use physinc::seeing::Image;
 use physinc::sim::Scene;
 
@@ -93,4 +97,35 @@ fn packets_to_events_allocate_nothing() {
     }
     assert_eq!(allocations(|| engine.finish(&mut count_contacts)), 0);
     assert!(contacts > 1 && engine.counters().frames_incomplete > 20);
+}
+
+/// Two things of any shape, one of which turns through several keyframes.
+#[test]
+fn any_shape_allocates_nothing() {
+    let camera = Camera::from_config(&CameraConfig::default(), DepthCode::Depth { units_per_metre: 1000.0 }).expect("a camera");
+    let mut config = Config::default();
+    config.object.shape = Shape::Any;
+    let mut engine = Engine::new(&config, Some(&camera)).expect("a configuration that can be");
+    let (mut positions, mut tracks, random) = (0_u64, 0_u64, &mut solids::Random::new(1));
+    let mut count = |event: Event| match event.kind {
+        Kind::Position(_) => positions += 1,
+        Kind::TrackStarted(_) => tracks += 1,
+        _ => {}
+    };
+    for frame in 0..45_u32 {
+        let time = f64::from(frame) / 30.0;
+        let bodies = [
+            (solids::car(), Motion::about(&Vec3::zeros(), &Vec3::new(0.4, 1.5 * time, 0.0), &Vec3::new(-0.3, 0.2 * time, 1.4))),
+            (solids::blob(), Motion::about(&Vec3::zeros(), &Vec3::new(0.4, 0.5, 0.0), &Vec3::new(0.3, 0.1, 1.5))),
+        ];
+        let mut image = vec![f32::NAN; camera.width * camera.height];
+        for (body, pose) in bodies.iter().filter(|_| frame >= config.tracking.background_frames) {
+            image.iter_mut().zip(solids::draw(&camera, body, pose)).for_each(|(pixel, z)| *pixel = pixel.min(z));
+        }
+        let mut image = solids::disturb(&camera, &image, random);
+        image.iter_mut().for_each(|z| *z = z.min(2.5));
+        let mut see = || engine.frame(i64::from(frame) * 33_333_333, Image::F32(&image), &mut count).expect("the camera's image");
+        assert_eq!(allocations(&mut see), 0, "at frame {frame}");
+    }
+    assert!(tracks == 2 && positions == 60, "{tracks} tracks, {positions} positions: ICP was never at work");
 }

@@ -71,6 +71,7 @@ fn sees_a_ball() -> Option<bool> {
         marks: Slice::Borrowed(&mut marks),
         runs: Slice::Borrowed(&mut runs),
         planes: Slice::Borrowed(&mut planes),
+        clouds: Slice::Borrowed(&mut []),
     };
     let mut seeing = Seeing::new(&camera, &config.object, 3, buffers).ok()?;
     let mut detections = Default::default();

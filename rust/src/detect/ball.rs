@@ -247,6 +247,15 @@ impl<S: Sample> View<'_, S> {
             Blob::Whole
         };
         let (_, row) = self.camera.project(&guess.center)?;
-        Some(Detection { center: guess.center, covariance, radius: self.radius, points: evidence.points, residual_rms, row, blob })
+        Some(Detection {
+            center: guess.center,
+            covariance,
+            radius: self.radius,
+            points: evidence.points,
+            residual_rms,
+            row,
+            blob,
+            shape: None,
+        })
     }
 }

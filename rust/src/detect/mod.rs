@@ -1,13 +1,16 @@
-//! From a depth image to the balls in it.
+//! From a depth image to the balls in it, or to things of any shape.
 
 pub mod background;
 pub mod ball;
+pub mod cloud;
 pub mod compare;
 pub mod components;
 pub mod equations;
 pub mod foreground;
+pub mod icp;
 pub mod noise;
 pub mod patch;
+pub mod shape;
 pub mod sphere;
 pub mod window;
 
@@ -24,21 +27,25 @@ pub enum Blob {
     Merged,
 }
 
-/// A ball as one frame shows it.
+/// A ball, or a thing of any shape, as one frame shows it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Detection {
-    /// Center, camera frame, m.
+    /// Center, camera frame, m. Of any shape: the point that was its middle when it was first seen, as far as could be told, carried along by its
+    /// motion. What only its far side would tell of the middle (the mean of what is seen lies before it) is taken from a ball of its size.
     pub center: Vec3,
-    /// Of `center`, camera frame, m²; the noise's correlation between neighbouring pixels included.
+    /// Of `center`, camera frame, m²; the noise's correlation between neighbouring pixels included. Of any shape: of the
+    /// motion since its keyframe; errors of keyframes before that are common to all that follows, and not in it.
     pub covariance: Mat3,
-    /// The ball's radius, m.
+    /// The ball's radius, m; of any shape that of a ball that filled as many pixels when it was first seen.
     pub radius: f64,
     /// Pixels that took part in the fit.
     pub points: u32,
-    /// Root mean square of their distances from the sphere, m.
+    /// Root mean square of their distances from the sphere, or from the keyframe's surface, m.
     pub residual_rms: f64,
     /// Row of its center, px: with a rolling readout it tells when it was seen.
     pub row: f64,
     /// Only whole balls are measured; the others say that something is there.
     pub blob: Blob,
+    /// Number of the thing of any shape that it is, where shapes are followed.
+    pub shape: Option<u32>,
 }

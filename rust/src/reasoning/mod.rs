@@ -309,7 +309,8 @@ impl Reasoning {
 
     /// What a track holds from `at` (s) on is another object: the camera lost the one and found the other.
     fn part(&mut self, id: u32, at: f64, sink: &mut dyn FnMut(Event)) {
-        let Some(track) = self.track(id).filter(|_| self.camera.is_some()) else { return };
+        // A thing of any shape is known by its shape.
+        let Some(track) = self.track(id).filter(|track| self.camera.is_some() && track.label.is_none()) else { return };
         let samples: Vec<_, { crate::track::window::CAPACITY }> = between(track.samples(), at, f64::INFINITY).iter().copied().collect();
         let Some(first) = samples.first() else { return };
         let m = Measurement {

@@ -3,7 +3,6 @@
 use super::image::Source;
 use super::{Buffers, Seeing};
 use crate::detect::background::{self, ROUND};
-use crate::detect::ball::Found;
 use crate::detect::foreground::{Sample, first_key_beyond};
 use crate::geometry::camera::Camera;
 use core::ops::Range;
@@ -43,13 +42,13 @@ impl Seeing<'_> {
         learning
     }
 
-    /// Looks at some rows for slow change of the background, each once a [`ROUND`]; what has been `found` is none of it.
-    pub(super) fn follow<S: Sample>(&mut self, source: &mut impl Source<S>, found: &[Found]) {
+    /// Looks at some rows for slow change of the background, each once a [`ROUND`]; the columns of a row that are `kept` are none of it.
+    pub(super) fn follow<S: Sample>(&mut self, source: &mut impl Source<S>, kept: impl Fn(&Camera, usize) -> Vec<Range<usize>, 16>) {
         if self.background_frames == 0 && self.environment.is_none() {
             return;
         }
         let Buffers { limits, farthest, strangers, .. } = &mut self.buffers;
-        let Camera { width, height, fx, .. } = self.camera;
+        let Camera { width, height, .. } = self.camera;
         let beyond = first_key_beyond::<S>(&self.coding);
         for _ in 0..height.div_ceil(ROUND) {
             let (row, pixels) = (self.row, self.row * width..(self.row + 1) * width);
@@ -59,13 +58,7 @@ impl Seeing<'_> {
             else {
                 return;
             };
-            let kept: Vec<Range<usize>, 16> = (found.iter())
-                .filter_map(|ball| {
-                    let (x, y) = self.camera.project(&ball.detection.center)?;
-                    let reach = 1.5 * ball.detection.radius * fx / ball.detection.center.z + 4.0;
-                    ((row as f64 - y).abs() < reach).then_some((x - reach) as usize..(x + reach) as usize + 1)
-                })
-                .collect();
+            let kept = kept(&self.camera, row);
             background::follow(source.part(row, 0..width), &self.coding, beyond, limits, farthest, strangers, &kept);
         }
     }

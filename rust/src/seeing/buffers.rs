@@ -1,7 +1,9 @@
 //! The memory that seeing works in: the caller's, or its own.
 
+use super::shapes::CLOUDS;
 use crate::detect::background::Stranger;
 use crate::detect::ball::ROOM;
+use crate::detect::cloud::Cloud;
 use crate::detect::components::{Marks, Run};
 use crate::kinect::disparity::{HEIGHT, WIDTH};
 use core::ops::{Deref, DerefMut};
@@ -57,6 +59,8 @@ pub struct Sizes {
     pub runs: usize,
     /// Of `planes`.
     pub planes: usize,
+    /// Of `clouds`: none where all objects are balls.
+    pub clouds: usize,
 }
 
 /// The memory that [`Seeing`](super::Seeing) works in; what it holds at first does not matter.
@@ -77,13 +81,15 @@ pub struct Buffers<'b> {
     pub runs: Slice<'b, Run>,
     /// What one ball's pixels show and should show.
     pub planes: Slice<'b, f32>,
+    /// Views of things of any shape.
+    pub clouds: Slice<'b, Cloud>,
 }
 
 impl Buffers<'_> {
     /// Sizes for images of `width` × `height` pixels.
     pub const fn required(width: usize, height: usize) -> Sizes {
         let samples = if width == WIDTH && height == HEIGHT { WIDTH * HEIGHT } else { 0 };
-        Sizes { pixels: width * height, samples, depths: 2048, rows: height, runs: width * height / 16 + 64, planes: ROOM }
+        Sizes { pixels: width * height, samples, depths: 2048, rows: height, runs: width * height / 16 + 64, planes: ROOM, clouds: CLOUDS }
     }
 }
 
@@ -101,6 +107,7 @@ impl Buffers<'static> {
             marks: Slice::Owned(std::vec![Marks::default(); sizes.rows]),
             runs: Slice::Owned(std::vec![Run::default(); sizes.runs]),
             planes: Slice::Owned(std::vec![0.0; sizes.planes]),
+            clouds: Slice::Owned(std::vec![Cloud::default(); sizes.clouds]),
         }
     }
 }

@@ -1,9 +1,10 @@
-//! Frames to balls: background, components, fits. It borrows its buffers, for images of any size, and allocates nothing.
+//! Frames to balls, or to things of any shape: background, components, fits. It borrows its buffers, for images of any size, and allocates nothing.
 
 mod background;
 mod buffers;
 mod image;
 mod search;
+mod shapes;
 mod structure;
 #[cfg(test)]
 mod tests;
@@ -13,8 +14,10 @@ pub use self::image::{Image, SeeError};
 pub use crate::detect::foreground::Area;
 
 use self::image::{Packed, Plain, Source};
+use self::shapes::Shapes;
 use self::structure::{Shown, Structure};
-use crate::config::ObjectConfig;
+use crate::config::{ObjectConfig, Shape};
+use crate::detect::ball::Found;
 use crate::detect::foreground::{Coding, Sample};
 use crate::detect::noise::{Factors, Noise};
 use crate::detect::{Blob, Detection};
@@ -39,16 +42,24 @@ pub struct Band {
 pub struct Scope<'s> {
     /// Samples that are missing: ascending ranges, row by row. They show nothing, and say nothing of a ball's silhouette.
     pub missing: &'s [Range<usize>],
-    /// Where balls are expected: no two in the same rows, ascending. None is the whole image.
+    /// Where balls are expected: no two in the same rows, ascending. None is the whole image, in which things of any shape are always looked for.
     pub bands: &'s [Band],
+    /// The frame's stamp, ns; left out, frames come 30 times a second. Of use for any shape only.
+    pub timestamp_ns: Option<i64>,
 }
-/// Sees balls of known radius in depth images.
+
+/// Sees balls of known radius in depth images, or things of any shape.
+///
+/// Of any shape is whatever the background does not tell of: a thing that stands there while the background is learned is a part of it. At most
+/// four are followed at once, each from where all of it is in view; one that was not measured for half a second is a new one when it comes back.
 pub struct Seeing<'b> {
     camera: Camera,
     coding: Coding,
     radii: Vec<f64, 4>,
     noise: Noise,
     factors: Factors,
+    /// Of any shape, where that is what is looked for.
+    shapes: Option<Shapes>,
     buffers: Buffers<'b>,
     background_frames: u32,
     environment: Option<(Environment, Pose)>,
@@ -69,6 +80,7 @@ impl<'b> Seeing<'b> {
     /// No radius, a camera without pixels, or buffers that are too small for it (see [`Buffers::required`]).
     pub fn new(camera: &Camera, object: &ObjectConfig, background_frames: u32, mut buffers: Buffers<'b>) -> Result<Self, ConfigError> {
         let radii = Vec::from_slice(object.radius.as_slice()).unwrap_or_default();
+        let any = object.shape == Shape::Any;
         if radii.is_empty() || !radii.iter().all(|r| *r > 0.0 && r.is_finite()) {
             return Err(ConfigError { key: "object.radius", value: f64::NAN, expected: "1 to 4 lengths, m" });
         }
@@ -83,7 +95,8 @@ impl<'b> Seeing<'b> {
             && buffers.depths.len() >= sizes.depths
             && buffers.marks.len() >= sizes.rows
             && buffers.runs.len() >= sizes.runs
-            && buffers.planes.len() >= sizes.planes;
+            && buffers.planes.len() >= sizes.planes
+            && (!any || buffers.clouds.len() >= sizes.clouds);
         if !enough {
             return Err(ConfigError { key: "camera.width", value: camera.width as f64, expected: "buffers of the camera's size" });
         }
@@ -95,6 +108,7 @@ impl<'b> Seeing<'b> {
             radii,
             noise: Noise::default(),
             factors: Factors::default(),
+            shapes: any.then(Shapes::default),
             buffers,
             background_frames,
             environment: None,
@@ -185,6 +199,12 @@ impl<'b> Seeing<'b> {
             return true;
         }
         self.measure_structure(&mut source);
+        if let Some(mut shapes) = self.shapes.take() {
+            self.cluttered += u64::from(self.see_shapes(&mut source, &scope, &mut shapes, detections).is_err());
+            self.follow(&mut source, |_, row| shapes.kept_in(row));
+            self.shapes = Some(shapes);
+            return true;
+        }
         let everywhere = Area { rows: 0..self.camera.height, columns: 0..self.camera.width };
         let mut found = Vec::new();
         let narrow = !scope.bands.is_empty()
@@ -198,7 +218,7 @@ impl<'b> Seeing<'b> {
             found.clear();
             self.cluttered += u64::from(self.search(&mut source, &everywhere, scope.missing, &mut found).is_err());
         }
-        self.follow(&mut source, &found);
+        self.follow(&mut source, |camera, row| kept(&found, camera, row));
         for ball in found {
             if ball.detection.blob == Blob::Whole {
                 self.factors.cap.learn(ball.cap_ratio);
@@ -208,4 +228,14 @@ impl<'b> Seeing<'b> {
         }
         !narrow
     }
+}
+
+/// The columns of `row` in which balls were found.
+fn kept(found: &[Found], camera: &Camera, row: usize) -> Vec<Range<usize>, 16> {
+    let columns = found.iter().filter_map(|ball| {
+        let (x, y) = camera.project(&ball.detection.center)?;
+        let reach = 1.5 * ball.detection.radius * camera.fx / ball.detection.center.z + 4.0;
+        ((row as f64 - y).abs() < reach).then_some((x - reach) as usize..(x + reach) as usize + 1)
+    });
+    columns.collect()
 }

@@ -14,7 +14,7 @@ use heapless::Vec;
 /// Smallest component that is looked at, px: below it, depth says too little of a ball.
 const FEWEST_PIXELS: u32 = 20;
 /// Likewise, rows: discs of so many pixels have more. So no component is missed where at first every so manyth row is looked at.
-const FEWEST_ROWS: usize = 4;
+pub(super) const FEWEST_ROWS: usize = 4;
 /// Rows around foreground that are looked at as well: enough to see how a ball's silhouette ends.
 const AROUND: usize = 12;
 
@@ -46,7 +46,7 @@ impl Seeing<'_> {
     }
 
     /// Marks the foreground in every `stride`th row, and in all rows around those that show any.
-    fn look_at<S: Sample>(&mut self, source: &mut impl Source<S>, area: &Area, stride: usize) {
+    pub(super) fn look_at<S: Sample>(&mut self, source: &mut impl Source<S>, area: &Area, stride: usize) {
         let Buffers { limits, marks, .. } = &mut self.buffers;
         let (width, coding) = (self.camera.width, &self.coding);
         let Area { rows, columns } = area;

@@ -18,7 +18,7 @@ pub mod window;
 
 use crate::math::{Mat3, Vec3};
 
-/// A ball's center at one instant, by our eyes or by someone else's.
+/// A ball's center (of any shape, its point of reference) at one instant, by our eyes or by someone else's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measurement {
     /// When it was there, ns: its frame's stamp and, with a rolling readout, its row's delay.

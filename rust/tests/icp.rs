@@ -1,0 +1,164 @@
+//! The motion between two views, against the motion that made them.
+
+mod solids;
+
+use physinc::config::CameraConfig;
+use physinc::detect::cloud::Cloud;
+use physinc::detect::foreground::Area;
+use physinc::detect::icp::{Alignment, align};
+use physinc::detect::noise::Noise;
+use physinc::geometry::camera::{Camera, DepthCode, KINECT_DISPARITY_LAW};
+use physinc::geometry::motion::Motion;
+use physinc::math::Vec3;
+use solids::{Random, Solid, blob, car, disturb, draw};
+
+fn camera() -> Camera {
+    Camera::from_config(&CameraConfig::default(), DepthCode::Disparity { law: KINECT_DISPARITY_LAW }).expect("a Kinect's keys")
+}
+
+fn cloud(camera: &Camera, image: &[f32], whole: bool) -> Box<Cloud> {
+    let width = camera.width;
+    let seen = || (0..image.len()).filter(|i| image[*i].is_finite());
+    let columns = seen().map(|i| i % width).min().unwrap_or(0)..seen().map(|i| i % width).max().unwrap_or(0) + 1;
+    let rows = seen().next().unwrap_or(0) / width..seen().next_back().unwrap_or(0) / width + 1;
+    let mut cloud = Box::<Cloud>::default();
+    cloud.clear(camera, &Area { rows, columns });
+    for (row, pixels) in image.chunks(width).enumerate() {
+        let mut start = 0;
+        for run in pixels.split(|z| !z.is_finite()) {
+            cloud.add(row, start, run.iter().copied().map(f64::from));
+            start += run.len() + 1;
+        }
+    }
+    cloud.finish(whole);
+    cloud
+}
+
+/// Aligns two views without a guess but that their middles are the same.
+fn aligned(source: &Cloud, target: &Cloud) -> Option<Alignment> {
+    let start = Motion { translation: target.mean() - source.mean(), ..Motion::identity() };
+    align(source, target, &start, Noise::default(), 0.0029 * source.mean().z * source.mean().z)
+}
+
+/// A body's pose, and where a small motion brings it.
+fn poses(random: &mut Random, distance: f64) -> (Motion, Motion) {
+    let place = Vec3::new(distance * (0.4 * random.uniform() - 0.2), distance * (0.3 * random.uniform() - 0.15), distance);
+    let first = Motion::about(&Vec3::zeros(), &random.vector(), &place);
+    let between = Motion::about(&place, &(0.06 * random.vector()), &(0.03 * random.vector()));
+    (first, between.after(&first))
+}
+
+fn motion(from: &Motion, to: &Motion) -> Motion {
+    to.after(&from.inverse())
+}
+
+/// Without noise, and where no normal is taken across an edge, only rounding remains.
+#[test]
+fn the_exact_motion_is_found_without_noise() {
+    let camera = camera();
+    let place = Vec3::new(0.03, -0.02, 1.0);
+    let tilts = [Vec3::new(0.0, 0.5, 0.0), Vec3::new(0.5, -0.3, 0.0), Vec3::new(-0.45, -0.2, 0.1)];
+    let offsets = [Vec3::new(-0.18, 0.0, 0.1), Vec3::new(0.0, 0.05, 0.0), Vec3::new(0.18, -0.02, 0.1)];
+    let view = |moved: &Motion| {
+        let mut image = vec![f32::NAN; camera.width * camera.height];
+        for (tilt, offset) in tilts.iter().zip(offsets) {
+            let plate = Motion::about(&Vec3::zeros(), tilt, &(place + offset));
+            let drawn = draw(&camera, &[Solid::Box(Vec3::zeros(), Vec3::new(0.055, 0.055, 1e-4))], &moved.after(&plate));
+            for (pixel, z) in image.iter_mut().zip(drawn) {
+                *pixel = pixel.min(z);
+            }
+        }
+        cloud(&camera, &image, false)
+    };
+    let truth = Motion::about(&place, &Vec3::new(0.03, -0.04, 0.02), &Vec3::new(0.004, -0.003, 0.01));
+    let found = aligned(&view(&Motion::identity()), &view(&truth)).expect("they lie on each other");
+    let error = motion(&truth, &found.target_from_source);
+    let shift = (found.target_from_source.of(&place) - truth.of(&place)).norm();
+    println!("{shift:e} m, {:e} rad after {} rounds", error.angle(), found.iterations);
+    assert!(shift < 3e-6 && error.angle() < 2e-5, "{shift:e} m, {:e} rad", error.angle());
+}
+
+/// Errors over many pairs of views: rms of the shift (m) and of the turn (rad), mean of the shift's NEES over 3.
+fn errors(
+    body: &[Solid],
+    distance: f64,
+    noisy: bool,
+    whole: bool,
+    seeds: std::ops::Range<u64>,
+    spoil: impl Fn(&mut Random, &mut [f32]),
+) -> [f64; 3] {
+    let camera = camera();
+    let (mut sums, mut count) = ([0.0; 3], 0.0);
+    for seed in seeds {
+        let random = &mut Random::new(seed);
+        let (first, second) = poses(random, distance);
+        let view = |pose: &Motion, random: &mut Random| {
+            let image = draw(&camera, body, pose);
+            let mut image = if noisy { disturb(&camera, &image, random) } else { image };
+            spoil(random, &mut image);
+            cloud(&camera, &image, whole)
+        };
+        let (source, target) = (view(&first, random), view(&second, random));
+        let Some(found) = aligned(&source, &target) else {
+            println!("lost {seed}");
+            continue;
+        };
+        let truth = motion(&first, &second);
+        let middle = second.translation;
+        let shift = found.target_from_source.of(&first.translation) - middle;
+        let nees = shift.dot(&(found.covariance_at(&middle).try_inverse().expect("a covariance") * shift)) / 3.0;
+        let turn = motion(&truth, &found.target_from_source).angle();
+        for (sum, square) in sums.iter_mut().zip([shift.norm_squared(), turn * turn, nees]) {
+            *sum += square;
+        }
+        count += 1.0;
+    }
+    let [shift, turn, nees] = sums.map(|sum| sum / count);
+    println!("{distance} m: shift {:.2} mm, turn {:.2}°, NEES {nees:.2}", 1e3 * shift.sqrt(), turn.sqrt().to_degrees());
+    [shift.sqrt(), turn.sqrt(), nees]
+}
+
+#[test]
+fn views_of_whole_bodies_are_aligned() {
+    for body in [car(), blob()] {
+        let [shift, turn, _] = errors(&body, 1.2, false, true, 0..20, |_, _| {});
+        // Cells of 3 to 5 px and the rims of round bodies leave half a pixel of 2 mm.
+        assert!(shift < 1.3e-3 && turn < 0.03, "{shift} m, {turn} rad");
+    }
+}
+
+#[test]
+fn covariances_are_honest() {
+    for (body, distance) in [(car(), 1.2), (blob(), 1.2), (car(), 1.8), (blob(), 1.8)] {
+        let [shift, _, nees] = errors(&body, distance, true, true, 1000..1040, |_, _| {});
+        assert!(shift < 0.004, "{shift} m");
+        assert!((0.5..1.6).contains(&nees), "{nees}");
+    }
+}
+
+#[test]
+fn a_fifth_of_wild_surface_does_no_harm() {
+    // Of patches of the surface.
+    let patches = |random: &mut Random, image: &mut [f32]| {
+        let offsets: Vec<f32> = (0..80 * 60).map(|_| if random.uniform() < 0.2 { (0.1 * random.normal()) as f32 } else { 0.0 }).collect();
+        image.iter_mut().enumerate().for_each(|(i, z)| *z += offsets[i / 640 / 8 * 80 + i % 640 / 8]);
+    };
+    for body in [car(), blob()] {
+        let [clean, ..] = errors(&body, 1.2, true, true, 2000..2020, |_, _| {});
+        let [shift, turn, _] = errors(&body, 1.2, true, true, 2000..2020, patches);
+        assert!(shift < 2.0 * clean && turn < 0.05, "{shift} m instead of {clean}, {turn} rad");
+    }
+}
+
+#[test]
+fn too_little_is_refused() {
+    let camera = camera();
+    let mut image = vec![f32::NAN; camera.width * camera.height];
+    for i in 0..16 {
+        image[(200 + i / 4) * camera.width + 300 + i % 4] = 1.5;
+    }
+    let few = cloud(&camera, &image, true);
+    assert!(aligned(&few, &few).is_none());
+    let empty = cloud(&camera, &vec![f32::NAN; image.len()], true);
+    assert!(aligned(&empty, &empty).is_none() && aligned(&few, &empty).is_none());
+}
