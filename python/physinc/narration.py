@@ -68,6 +68,8 @@ class Narration:
         self.surfaces: dict[int, p.Surface] = {}
         self.restitutions: list[tuple[int, float]] = []
         self.orientation: p.CameraOrientation | None = None
+        self.motion: p.CameraMotion | None = None
+        self.moved = 0
         self.bounces = self.lost = 0
         self.active: dict[int | None, bool] = {}
         self.ended: p.StreamEnded | None = None
@@ -91,6 +93,9 @@ class Narration:
                 self.surfaces[event.id] = event
             case p.CameraOrientation():
                 self.orientation = event
+            case p.CameraMotion():
+                self.motion = event
+                self.moved += 1
             case p.Activity():
                 self._activity(event)
             case p.StreamEnded():
@@ -131,6 +136,11 @@ class Narration:
             # Positions come in the world: there is no camera to be turned.
             camera = "" if self.camera is None else f"camera: roll {roll:.2f}°, pitch {pitch:.2f}°; "
             self.console.print(f"{camera}gravity {size:.3f} m/s², of {count(self.orientation.flights, 'flight')}")
+        if self.motion is not None:
+            where = f"camera: {_point(self.motion.displacement, self.motion.covariance)} from where it was at first"
+            taken = ", ".join(word.replace("_", " ") for word in self.motion.undetermined)
+            open_ = f" (not told by physics: {taken})" if taken else ""
+            self.console.print(f"{where}, path of {count(self.moved, 'frame')}{open_}")
         if self.ended is not None:
             counters = self.ended.counters
             rate = f", {busy / counters.frames * 1e6:.0f} µs a frame" if counters.frames else ""
