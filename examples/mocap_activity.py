@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from mocap_bounces import Recording, read
 
 import physinc
+from physinc.qualisys import Recording, read
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
