@@ -2,8 +2,8 @@
 
     python benches/icp.py [--rounds N]
 
-Views are of a car of boxes and of a body of ellipsoids, a frame apart, with a Kinect's noise, as `rust/benches/icp.rs` draws them. small_gicp is given
-each pixel's point, the same start (the middles of both views on each other), and one thread. Each of its registration types is run with the
+Views are of a car of boxes and of a body of ellipsoids, a frame apart, with a Kinect's noise, as `rust/benches/icp.rs` draws them.
+small_gicp is given each pixel's point, the same start (the middles of both views on each other), and one thread. Each of its registration types is run with the
 settings that gave it the least error, among those below, on other pairs of the same scene (seed 8000). Its time is that of a frame's work:
 preprocessing the new view and aligning it; the view before keeps its tree. `align` is without preprocessing. Rounds of both are
 interleaved; medians over pairs and rounds. The error of the shift is the body's middle's, rms.
@@ -59,7 +59,7 @@ def build() -> str:
     """Build ours; its program."""
     command = ["cargo", "bench", "--locked", "--quiet", "--bench", "icp", "--no-run", "--message-format", "json"]
     messages = map(json.loads, subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout.splitlines())
-    return next(message["executable"] for message in messages if message.get("executable"))
+    return str(next(message["executable"] for message in messages if message.get("executable")))
 
 
 def bench(program: str, seed: int, dump: Path) -> list[dict[str, Any]]:
@@ -128,7 +128,8 @@ def main() -> None:
             pairs = [pair for pair in other if pair.scene == scene][::8]
             settings = [Setting(kind, *rest) for rest in itertools.product(RESOLUTIONS, REACHES, NEIGHBOURS)]
             best[scene, kind] = min(settings, key=lambda setting: summary([register(pair, setting) for pair in pairs])[0])
-        ours, theirs = [], {key: [] for key in best}
+        ours: list[list[dict[str, Any]]] = []
+        theirs: dict[tuple[int, str], list[Any]] = {key: [] for key in best}
         for _ in range(rounds):
             ours.append(bench(program, 7000, dump))
             for pair in read(dump):
@@ -145,7 +146,8 @@ def main() -> None:
             rows.append((label, summary(theirs[scene, kind])))
         for label, (shift, turn, frame_us, align_us) in rows:
             turn_degrees = np.degrees(turn)
-            print(f"| {name} | {label} | {shift * 1e3:.2f} | {turn_degrees:.2f} | {frame_us:.0f} | {align_us:.0f} | {frame_us / frame:.1f} |")
+            times = f"{frame_us:.0f} | {align_us:.0f} | {frame_us / frame:.1f}"
+            print(f"| {name} | {label} | {shift * 1e3:.2f} | {turn_degrees:.2f} | {times} |")
 
 
 if __name__ == "__main__":

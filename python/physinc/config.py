@@ -50,8 +50,10 @@ class ObjectConfig:
     """`[object]`: the tracked object; a tennis ball."""
 
     shape: Literal["sphere", "any"] = "sphere"
-    """`any`: whatever the background does not tell of, followed by ICP; `radius` then has no part. Its position is that of what was taken for its
-    middle when it was first seen, carried along by its motion. What stands there while the background is learned is a part of that."""
+    """`any`: whatever the background does not tell of, followed by ICP; `radius` then has no part.
+
+    Its position is that of what was taken for its middle when it was first seen, carried along by its motion. What stands there while the
+    background is learned is a part of it."""
     radius: float | Sequence[float] = 0.033
     """Radius of the ball, m; a list for several kinds."""
     mass: float = 0.057
@@ -101,8 +103,10 @@ class AssumeConfig:
     """`[assume]`: what is taken for granted."""
 
     camera: Literal["static", "tilted", "moving", "unknown"] | None = None
-    """Left out: `static` where `world_from_camera` is given, else `tilted`: fixed, gravity's direction to be found. `moving`: orientation as
-    configured, translation free (`camera_motion`). `unknown`: both free. Where it moves there is no background, and no contact is looked for."""
+    """Left out: `static` where `world_from_camera` is given, else `tilted`: fixed, gravity's direction to be found.
+
+    `moving`: orientation as configured, translation free (`camera_motion`). `unknown`: both free. Where the camera moves there is no
+    background, and no contact is looked for."""
     scene: Literal["known", "unknown"] = "unknown"
     """Whether the environment is all there is."""
     objects: Literal["passive", "unknown"] = "passive"
