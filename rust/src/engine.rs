@@ -22,6 +22,12 @@ use heapless::Vec;
 /// Where events go.
 pub(crate) type Sink<'s> = dyn FnMut(Event) + 's;
 
+/// Reasoning is some hundred KB: too much to be handed on by value where there is a heap.
+#[cfg(feature = "std")]
+type Mind = std::boxed::Box<Reasoning>;
+#[cfg(not(feature = "std"))]
+type Mind = Reasoning;
+
 /// What a frame comes without.
 #[derive(Default)]
 struct Loss<'l> {
@@ -44,7 +50,7 @@ pub struct Engine<'b> {
     seeing: Option<Seeing<'b>>,
     attention: Attention,
     camera: Option<Camera>,
-    reasoning: Reasoning,
+    reasoning: Mind,
     timeline: Timeline,
     inputs: u64,
 }
@@ -106,7 +112,7 @@ impl<'b> Engine<'b> {
             seeing,
             attention: Attention::new(config),
             camera: camera.copied(),
-            reasoning: Reasoning::new(config, camera),
+            reasoning: mind(config, camera),
             timeline: Timeline::default(),
             inputs: 0,
         }
@@ -269,6 +275,14 @@ impl Engine<'static> {
         let packed = Slice::Owned(std::vec![0; packing.frame_bytes()]);
         Self::for_packets(config, camera, packing, Buffers::owned(camera.width, camera.height), packed)
     }
+}
+
+#[inline]
+fn mind(config: &Config, camera: Option<&Camera>) -> Mind {
+    #[cfg(feature = "std")]
+    return std::boxed::Box::new(Reasoning::new(config, camera));
+    #[cfg(not(feature = "std"))]
+    Reasoning::new(config, camera)
 }
 
 /// What sees the images of `camera`; with a known scene, before that scene.
