@@ -12,13 +12,13 @@ use crate::simd::widest;
 use heapless::Vec;
 
 /// Columns and rows of cells.
-pub const EDGE: usize = 32;
+pub const EDGE: usize = 48;
 /// Cells.
 pub const CELLS: usize = EDGE * EDGE;
 /// Empty cells around the object, in which its silhouette fades.
 const MARGIN: usize = 2;
 /// Points of the silhouette at the most.
-const OUTLINE: usize = 160;
+const OUTLINE: usize = 240;
 /// Pixels over which a normal is taken, at the least: as many as the matching window has.
 const NORMAL_PX: usize = 7;
 /// Slope, depth a distance across, above which neighbours are two surfaces; and the step in depth, m, that noise may make besides.

@@ -55,6 +55,8 @@ pub struct Shape {
     middle: Vec3,
     velocity: Option<Vec3>,
     measured_ns: i64,
+    /// It was seen twice: noise does not come back at one place.
+    sure: bool,
     /// Mean squares of distances in units of their expectation, so far.
     spread: Factor,
 }
@@ -66,8 +68,8 @@ fn middle_of(cloud: &Cloud) -> Vec3 {
 }
 
 impl Shape {
-    /// A shape first seen as `key`. `None` where too little is seen to follow it.
-    pub fn begin(id: u32, now_ns: i64, key: &Cloud, camera: &Camera, noise: Noise) -> Option<(Self, Detection)> {
+    /// A shape first seen as `key`; it is told of when it is seen again. `None` where too little is seen to follow it.
+    pub fn begin(id: u32, now_ns: i64, key: &Cloud, camera: &Camera, noise: Noise) -> Option<Self> {
         let (reference, radius) = (middle_of(key), key.radius());
         // As uncertain as another view from here would be.
         let itself = align(key, key, &Motion::identity(), noise, camera.code.step(reference.z))?;
@@ -80,10 +82,15 @@ impl Shape {
             middle: key.mean(),
             velocity: None,
             measured_ns: now_ns,
+            sure: false,
             spread: Factor::default(),
         };
-        let detection = shape.detection(key, &itself, camera)?;
-        Some((shape, detection))
+        shape.detection(key, &itself, camera).map(|_| shape)
+    }
+
+    /// Whether it was seen more than once.
+    pub fn is_sure(&self) -> bool {
+        self.sure
     }
 
     /// Whether nothing was measured for too long.
@@ -140,7 +147,7 @@ impl Shape {
         let middle = current.mean();
         let seconds = seconds_between(self.measured_ns, now_ns);
         self.velocity = (seconds > 0.0).then(|| (middle - self.middle) / seconds);
-        (self.middle, self.measured_ns) = (middle, now_ns);
+        (self.middle, self.measured_ns, self.sure) = (middle, now_ns, true);
         self.step_back = to_last.target_from_source;
         self.key_from_last = to_key.target_from_source;
         core::mem::swap(last, current);
