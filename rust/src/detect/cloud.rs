@@ -79,6 +79,7 @@ pub struct Cloud {
 }
 
 impl Default for Cloud {
+    #[allow(clippy::large_stack_arrays)] // Where it is made, not where it is used.
     fn default() -> Self {
         Self {
             cells: [Cell::default(); CELLS],
@@ -155,6 +156,7 @@ impl Cloud {
 
     /// Takes means, normals and the silhouette from what was added. `intact`: no samples are missing, so that where the object ends in the image
     /// it ends.
+    #[allow(clippy::large_stack_arrays)] // 36 KB while it runs.
     pub fn finish(&mut self, intact: bool) {
         let least = (FILLED * (self.stride * self.stride) as f32).max(1.0);
         // x/z, y/z and 1/z: that of a plane is linear in the first two. 1/z is 0 where nothing is seen.

@@ -28,8 +28,8 @@ const FEWEST_PIXELS: u32 = 8;
 const JUMP: f64 = 0.1;
 /// Pixels around a thing that don't become background.
 const AROUND: usize = 4;
-/// Pieces whose middles are this many times their radii apart, or less, are one thing: its arm behind it, its foot on the floor.
-const BESIDE: f64 = 1.5;
+/// Pieces that touch in the image, and whose middles are this many times their radii apart, or less, are one thing: its arm, its foot on the floor.
+const BESIDE: f64 = 3.0;
 /// Without stamps, frames are taken to come at a Kinect's rate, ns.
 const FRAME_NS: i64 = 33_333_333;
 
@@ -74,6 +74,12 @@ fn union(a: &Area, b: &Area) -> Area {
     Area { rows: join(&a.rows, &b.rows), columns: join(&a.columns, &b.columns) }
 }
 
+/// Whether areas overlap, or nearly.
+fn touch(a: &Area, b: &Area) -> bool {
+    let near = |a: &Range<usize>, b: &Range<usize>| a.start < b.end + AROUND && b.start < a.end + AROUND;
+    near(&a.rows, &b.rows) && near(&a.columns, &b.columns)
+}
+
 /// Whether no samples are missing in the rows of `area` and those next to them.
 fn is_intact(area: &Area, width: usize, missing: &[Range<usize>]) -> bool {
     let (first, end) = (area.rows.start.saturating_sub(1) * width, (area.rows.end + 1) * width);
@@ -114,7 +120,9 @@ impl Shapes {
         for i in 1..pieces.len() {
             let (larger, rest) = pieces.split_at_mut(i);
             let Some(piece) = rest.first_mut().filter(|piece| piece.owner.is_none()) else { continue };
-            let beside = |other: &&Piece| (other.place - piece.place).norm() < BESIDE * (other.radius + piece.radius);
+            let beside = |other: &&Piece| {
+                touch(&other.area, &piece.area) && (other.place - piece.place).norm() < BESIDE * (other.radius + piece.radius)
+            };
             if let Some(other) = larger.iter().find(beside) {
                 (piece.owner, piece.leader) = (other.owner, other.leader);
             }
@@ -203,6 +211,9 @@ impl Seeing<'_> {
                 *slot = None;
                 continue;
             }
+            if !shape.is_sure() {
+                continue;
+            }
             let detection = measured.or_else(|| {
                 let place = own().max_by_key(|piece| piece.pixels)?.place;
                 unmeasured(place, shape.radius, pixels, &camera, Some(shape.id), Blob::Cut)
@@ -225,7 +236,9 @@ impl Seeing<'_> {
             if let Some((slot, views)) = free.filter(|_| current.is_whole())
                 && let Some(shape) = Shape::begin(shapes.last_id + 1, shapes.now_ns, current, &camera, noise)
             {
-                views.iter_mut().for_each(|view| view.copy_from(current));
+                for view in views {
+                    view.copy_from(current);
+                }
                 (*slot, shapes.last_id) = (Some(shape), shape.id);
                 let _ = shapes.kept.push(area);
                 continue;
