@@ -12,13 +12,13 @@ use crate::simd::widest;
 use heapless::Vec;
 
 /// Columns and rows of cells.
-pub const EDGE: usize = 32;
+pub const EDGE: usize = 48;
 /// Cells.
 pub const CELLS: usize = EDGE * EDGE;
 /// Empty cells around the object, in which its silhouette fades.
 const MARGIN: usize = 2;
 /// Points of the silhouette at the most.
-const OUTLINE: usize = 160;
+const OUTLINE: usize = 240;
 /// Pixels over which a normal is taken, at the least: as many as the matching window has.
 const NORMAL_PX: usize = 7;
 /// Slope, depth a distance across, above which neighbours are two surfaces; and the step in depth, m, that noise may make besides.
@@ -79,6 +79,7 @@ pub struct Cloud {
 }
 
 impl Default for Cloud {
+    #[allow(clippy::large_stack_arrays)] // Where it is made, not where it is used.
     fn default() -> Self {
         Self {
             cells: [Cell::default(); CELLS],
@@ -155,6 +156,7 @@ impl Cloud {
 
     /// Takes means, normals and the silhouette from what was added. `intact`: no samples are missing, so that where the object ends in the image
     /// it ends.
+    #[allow(clippy::large_stack_arrays)] // 36 KB while it runs.
     pub fn finish(&mut self, intact: bool) {
         let least = (FILLED * (self.stride * self.stride) as f32).max(1.0);
         // x/z, y/z and 1/z: that of a plane is linear in the first two. 1/z is 0 where nothing is seen.

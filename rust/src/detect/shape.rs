@@ -21,6 +21,8 @@ const DOUBTFUL: f64 = 1.5;
 const WRONG: f64 = 5.0;
 /// A shape of which nothing was measured for so long is forgotten, s: what comes back then is a new one.
 const FORGOTTEN: f64 = 0.5;
+/// A thing as small as noise has to be seen in so many frames after its first.
+const DOUBT: u32 = 5;
 /// A thing whose speed is not known yet moves less than this, m/s.
 const FASTEST: f64 = 6.0;
 /// How far a thing may be from where it was going, m; and what part of its way, as it may bounce or turn.
@@ -55,6 +57,8 @@ pub struct Shape {
     middle: Vec3,
     velocity: Option<Vec3>,
     measured_ns: i64,
+    /// Frames in a row in which it has yet to be seen before it is taken for real.
+    doubt: u32,
     /// Mean squares of distances in units of their expectation, so far.
     spread: Factor,
 }
@@ -66,8 +70,8 @@ fn middle_of(cloud: &Cloud) -> Vec3 {
 }
 
 impl Shape {
-    /// A shape first seen as `key`. `None` where too little is seen to follow it.
-    pub fn begin(id: u32, now_ns: i64, key: &Cloud, camera: &Camera, noise: Noise) -> Option<(Self, Detection)> {
+    /// A shape first seen as `key`; it is told of when it was seen in the next frames as well. `None` where too little is seen to follow it.
+    pub fn begin(id: u32, now_ns: i64, key: &Cloud, camera: &Camera, noise: Noise) -> Option<Self> {
         let (reference, radius) = (middle_of(key), key.radius());
         // As uncertain as another view from here would be.
         let itself = align(key, key, &Motion::identity(), noise, camera.code.step(reference.z))?;
@@ -80,10 +84,16 @@ impl Shape {
             middle: key.mean(),
             velocity: None,
             measured_ns: now_ns,
+            // What one matching window made up fills no more than a window, or two that overlap.
+            doubt: if key.pixels() as usize > 2 * noise.window[0] * noise.window[1] { 1 } else { DOUBT },
             spread: Factor::default(),
         };
-        let detection = shape.detection(key, &itself, camera)?;
-        Some((shape, detection))
+        shape.detection(key, &itself, camera).map(|_| shape)
+    }
+
+    /// Whether it was seen often enough: noise does not come back at one place.
+    pub fn is_sure(&self) -> bool {
+        self.doubt == 0
     }
 
     /// Whether nothing was measured for too long.
@@ -140,7 +150,7 @@ impl Shape {
         let middle = current.mean();
         let seconds = seconds_between(self.measured_ns, now_ns);
         self.velocity = (seconds > 0.0).then(|| (middle - self.middle) / seconds);
-        (self.middle, self.measured_ns) = (middle, now_ns);
+        (self.middle, self.measured_ns, self.doubt) = (middle, now_ns, self.doubt.saturating_sub(1));
         self.step_back = to_last.target_from_source;
         self.key_from_last = to_key.target_from_source;
         core::mem::swap(last, current);

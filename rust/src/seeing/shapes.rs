@@ -9,7 +9,7 @@ use crate::detect::foreground::{Frame, Sample};
 use crate::detect::shape::{Shape, Views};
 use crate::detect::{Blob, Detection};
 use crate::geometry::camera::Camera;
-use crate::math::{Mat3, Vec3};
+use crate::math::{Mat3, Vec3, sqrt};
 use core::cell::Cell;
 use core::ops::Range;
 use heapless::Vec;
@@ -28,6 +28,8 @@ const FEWEST_PIXELS: u32 = 8;
 const JUMP: f64 = 0.1;
 /// Pixels around a thing that don't become background.
 const AROUND: usize = 4;
+/// Pieces that touch in the image, and whose middles are this many times their radii apart, or less, are one thing: its arm, its foot on the floor.
+const BESIDE: f64 = 3.0;
 /// Without stamps, frames are taken to come at a Kinect's rate, ns.
 const FRAME_NS: i64 = 33_333_333;
 
@@ -48,8 +50,12 @@ struct Piece {
     area: Area,
     /// Its middle, camera frame, m.
     place: Vec3,
-    /// The slot of the thing that it belongs to.
+    /// Radius of the ball that would fill as many pixels, m.
+    radius: f64,
+    /// The slot of the thing that it belongs to,
     owner: Option<usize>,
+    /// or the root of the largest piece beside it: together they are something new.
+    leader: usize,
 }
 
 impl Piece {
@@ -57,13 +63,21 @@ impl Piece {
         let (column, row, depth) = component.mean();
         let span = |[first, last]: [u16; 2]| usize::from(first)..usize::from(last) + 1;
         let area = Area { rows: span(component.rows), columns: span(component.columns) };
-        Self { root, pixels: component.pixels, area, place: camera.deproject(column, row, depth), owner: None }
+        let radius = sqrt(f64::from(component.pixels) / (core::f64::consts::PI * camera.fx * camera.fy)) * depth;
+        let place = camera.deproject(column, row, depth);
+        Self { root, pixels: component.pixels, area, place, radius, owner: None, leader: root }
     }
 }
 
 fn union(a: &Area, b: &Area) -> Area {
     let join = |a: &Range<usize>, b: &Range<usize>| a.start.min(b.start)..a.end.max(b.end);
     Area { rows: join(&a.rows, &b.rows), columns: join(&a.columns, &b.columns) }
+}
+
+/// Whether areas overlap, or nearly.
+fn touch(a: &Area, b: &Area) -> bool {
+    let near = |a: &Range<usize>, b: &Range<usize>| a.start < b.end + AROUND && b.start < a.end + AROUND;
+    near(&a.rows, &b.rows) && near(&a.columns, &b.columns)
 }
 
 /// Whether no samples are missing in the rows of `area` and those next to them.
@@ -100,6 +114,17 @@ impl Shapes {
             let Some(main) = pieces.iter().filter(own).max_by_key(|piece| piece.pixels).map(|piece| piece.place) else { continue };
             for piece in pieces.iter_mut().filter(|piece| piece.owner == Some(i) && (piece.place - main).norm() > 1.5 * shape.radius) {
                 piece.owner = None;
+            }
+        }
+        pieces.sort_unstable_by_key(|piece| (core::cmp::Reverse(piece.pixels), piece.root));
+        for i in 1..pieces.len() {
+            let (larger, rest) = pieces.split_at_mut(i);
+            let Some(piece) = rest.first_mut().filter(|piece| piece.owner.is_none()) else { continue };
+            let beside = |other: &&Piece| {
+                touch(&other.area, &piece.area) && (other.place - piece.place).norm() < BESIDE * (other.radius + piece.radius)
+            };
+            if let Some(other) = larger.iter().find(beside) {
+                (piece.owner, piece.leader) = (other.owner, other.leader);
             }
         }
     }
@@ -181,27 +206,44 @@ impl Seeing<'_> {
             } else {
                 None
             };
+            let _ = shapes.kept.push(area);
+            if measured.is_none() && !shape.is_sure() {
+                *slot = None;
+                continue;
+            }
+            if !shape.is_sure() {
+                continue;
+            }
             let detection = measured.or_else(|| {
                 let place = own().max_by_key(|piece| piece.pixels)?.place;
                 unmeasured(place, shape.radius, pixels, &camera, Some(shape.id), Blob::Cut)
             });
-            let _ = shapes.kept.push(area);
             detections.extend(detection);
         }
-        for piece in pieces.iter().filter(|piece| piece.owner.is_none() && piece.pixels >= FEWEST_POINTS) {
-            current.clear(&camera, &piece.area);
-            gather(current, &frame, runs, count, &[piece.root]);
-            current.finish(is_intact(&piece.area, camera.width, missing));
-            let free = shapes.slots.iter_mut().zip(kept_views.chunks_exact_mut(2)).find(|(slot, _)| slot.is_none());
+        for piece in pieces.iter().filter(|piece| piece.owner.is_none() && piece.leader == piece.root) {
+            let own = || pieces.iter().filter(|other| other.owner.is_none() && other.leader == piece.root);
+            let pixels: u32 = own().map(|piece| piece.pixels).sum();
+            if pixels < FEWEST_POINTS {
+                continue;
+            }
+            let (area, roots): (Area, Vec<usize, PIECES>) =
+                (own().fold(piece.area.clone(), |area, other| union(&area, &other.area)), own().map(|piece| piece.root).collect());
+            current.clear(&camera, &area);
+            gather(current, &frame, runs, count, &roots);
+            current.finish(is_intact(&area, camera.width, missing));
             // What is cut off is begun when all of it is seen; until then it is there.
-            let begun = free.filter(|_| current.is_whole()).and_then(|(slot, views)| {
-                let (shape, detection) = Shape::begin(shapes.last_id + 1, shapes.now_ns, current, &camera, noise)?;
-                views.iter_mut().for_each(|view| view.copy_from(current));
+            let free = shapes.slots.iter_mut().zip(kept_views.chunks_exact_mut(2)).find(|(slot, _)| slot.is_none());
+            if let Some((slot, views)) = free.filter(|_| current.is_whole())
+                && let Some(shape) = Shape::begin(shapes.last_id + 1, shapes.now_ns, current, &camera, noise)
+            {
+                for view in views {
+                    view.copy_from(current);
+                }
                 (*slot, shapes.last_id) = (Some(shape), shape.id);
-                let _ = shapes.kept.push(piece.area.clone());
-                Some(detection)
-            });
-            let detection = begun.or_else(|| unmeasured(piece.place, current.radius(), piece.pixels, &camera, None, Blob::Cut));
+                let _ = shapes.kept.push(area);
+                continue;
+            }
+            let detection = unmeasured(piece.place, current.radius(), pixels, &camera, None, Blob::Cut);
             if detections.is_full() {
                 break;
             }
