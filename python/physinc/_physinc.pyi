@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Self
 
+from .arrays import Law
 from .config import CameraConfig, Config
 
 __all__ = [
@@ -1106,9 +1107,17 @@ def open_source(
     record: str | os.PathLike[str] | None,
     tum: bool,
     timeout: float | None,
+    law: Law | None,
 ) -> Stream: ...
 def open_iterable(
-    items: Iterable[Any], *, config: _Config, camera: _Camera, positions: bool, provisional: bool, images: bool
+    items: Iterable[Any],
+    *,
+    config: _Config,
+    camera: _Camera,
+    positions: bool,
+    provisional: bool,
+    images: bool,
+    law: Law | None,
 ) -> Stream: ...
 def dump_config(source: str | None = None, config: _Config = None, camera: _Camera = None) -> str: ...
 def event_from_toml(text: str) -> _Event: ...

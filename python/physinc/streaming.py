@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import atexit
 import math
 import os
+import weakref
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -12,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._physinc import Position, Stream, open_iterable, open_source
+from .arrays import Law
 from .config import CameraConfig, Config
 from .errors import ConfigError
 from .level import Level, gravity_of
@@ -41,6 +44,7 @@ def stream(
     record: str | os.PathLike[str] | None = None,
     timeout: float | None = 2.0,
     reconnect: bool = False,
+    law: Law | None = None,
 ) -> Stream:
     """Iterate over what happens in `source`.
 
@@ -62,7 +66,14 @@ def stream(
     Of a live Kinect there is video as well: `"kinect?video=color"`, or `infrared`, and the stream's `video` is the newest image.
     With `reconnect` a device that is unplugged is awaited, and the stream goes on; otherwise `DeviceDisconnectedError` is raised then.
 
-    Raises `PhysincError`s that say what happened and what mends it; what an iterable raises passes unchanged,
+    With `law` objects that nobody touches move by a law of your own instead of gravity and the air: `law(t, position, velocity)` returns
+    the whole acceleration [3] (m/s², gravity included) at `t` seconds after a track began, for a position [3] (m) and a velocity [3] (m/s),
+    in the world. It is called once for each track and frame in which the track is measured, with the state by the law so far (velocity is
+    zero in a track's first frame), on the thread that reads the source. The engine integrates what it answers, linear in time between
+    frames, and holds the last answer beyond. Gravity is taken as known (`laws.gravity`) then: nothing is learned of it. Beside it
+    `laws.law = "free_fall"`, `laws.method = "best"` and a camera that doesn't move are needed.
+
+    Raises `PhysincError`s that say what happened and what mends it; what an iterable or `law` raises passes unchanged,
     after `stream_ended` (reason `disconnected`) if the stream had begun.
     """
     config, camera = _plain(config), _plain(camera)
@@ -80,11 +91,12 @@ def stream(
             record=record,
             reconnect=math.inf if reconnect else None,
             timeout=timeout,
+            law=law,
         )
     gravity_of(source, level)
     if record is not None:
         raise ConfigError(f"record = {os.fspath(record)}: an iterable's own items can't be recorded; only what physinc reads itself")
-    return open_iterable(source, config=config, camera=camera, positions=positions, provisional=provisional, images=frames)
+    return open_iterable(source, config=config, camera=camera, positions=positions, provisional=provisional, images=frames, law=law)
 
 
 def open_named(
@@ -103,13 +115,14 @@ def open_named(
     record: str | os.PathLike[str] | None = None,
     tum: bool = False,
     timeout: float | None = 2.0,
+    law: Law | None = None,
 ) -> Stream:
     """Open a source by name, as the command line does: at most `frames` inputs, and `duration` seconds of them.
 
     A live device waits for the reader with `every_frame`, and may be away for `reconnect` seconds.
     """
     name = os.fspath(source)
-    return open_source(
+    opened = open_source(
         path_of(name),
         name=name,
         config=config,
@@ -125,7 +138,11 @@ def open_named(
         record=record,
         tum=tum,
         timeout=timeout,
+        law=law,
     )
+    if law is not None:
+        _LAWFUL.add(opened)
+    return opened
 
 
 def path_of(name: str) -> str:
@@ -135,3 +152,13 @@ def path_of(name: str) -> str:
 
 def _plain(mapping: Any) -> Any:
     return dict(mapping) if isinstance(mapping, Mapping) else mapping
+
+
+_LAWFUL: weakref.WeakSet[Stream] = weakref.WeakSet()
+"""Streams whose threads call Python: none may when the interpreter is gone."""
+
+
+@atexit.register
+def _let_go() -> None:
+    for stream in list(_LAWFUL):
+        stream.close()

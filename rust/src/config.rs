@@ -410,6 +410,23 @@ impl Config {
         self.environment.validate()
     }
 
+    /// Whether a user's own law may stand in for the configuration's.
+    ///
+    /// # Errors
+    /// The first key that says how objects move, or that the camera does.
+    pub fn can_obey(&self) -> Result<(), ConfigError> {
+        let beside = [
+            (self.laws.law != LawName::FreeFall, "laws.law", "\"free_fall\" beside a law of your own, which replaces it"),
+            (self.laws.method != Method::Best, "laws.method", "\"best\" beside a law of your own: the paper's method knows free fall only"),
+            (
+                self.assume.camera.is_some_and(CameraAssumption::moves),
+                "assume.camera",
+                "\"static\" or \"tilted\" beside a law of your own, which is one of the world",
+            ),
+        ];
+        refuse(&beside)
+    }
+
     /// What the interface names and this version can't do is refused here, in one place, never passed over.
     fn refuse_what_is_to_come(&self) -> Result<(), ConfigError> {
         let to_come = [
@@ -420,15 +437,20 @@ impl Config {
                 "\"passive\" where the camera moves: which of the two accelerates, physics does not tell",
             ),
         ];
-        match to_come.into_iter().find(|(asked, ..)| *asked) {
-            Some((_, key, expected)) => Err(ConfigError { key, value: f64::NAN, expected }),
-            None => Ok(()),
-        }
+        refuse(&to_come)
     }
 
     /// What is assumed of the camera, where the pose is given or not.
     pub fn camera_assumption(&self, pose_is_given: bool) -> CameraAssumption {
         self.assume.camera.unwrap_or(if pose_is_given { CameraAssumption::Static } else { CameraAssumption::Tilted })
+    }
+}
+
+/// The first of these (whether it is asked for, key, what is expected) that is asked for.
+fn refuse(cases: &[(bool, &'static str, &'static str)]) -> Result<(), ConfigError> {
+    match cases.iter().find(|(asked, ..)| *asked) {
+        Some(&(_, key, expected)) => Err(ConfigError { key, value: f64::NAN, expected }),
+        None => Ok(()),
     }
 }
 

@@ -9,6 +9,8 @@ use crate::geometry::camera::{Camera, DepthCode, Pose};
 use crate::geometry::environment::Environment;
 use crate::kinect::disparity::{HEIGHT, Packing, WIDTH};
 use crate::kinect::packet::FRAMES_PER_SECOND;
+#[cfg(feature = "std")]
+use crate::physics::own::OwnLaw;
 use crate::reasoning::{Predictor, Reasoning};
 use crate::seeing::{Buffers, Image, Scope, SeeError, Seeing, Slice};
 use crate::stream::assembler::Assembler;
@@ -51,6 +53,8 @@ pub struct Engine<'b> {
     attention: Attention,
     camera: Option<Camera>,
     reasoning: Mind,
+    #[cfg(feature = "std")]
+    own: Option<std::boxed::Box<dyn OwnLaw + Send>>,
     timeline: Timeline,
     inputs: u64,
 }
@@ -113,6 +117,8 @@ impl<'b> Engine<'b> {
             attention: Attention::new(config),
             camera: camera.copied(),
             reasoning: mind(config, camera),
+            #[cfg(feature = "std")]
+            own: None,
             timeline: Timeline::default(),
             inputs: 0,
         }
@@ -210,7 +216,7 @@ impl<'b> Engine<'b> {
             .collect();
         tell_gaps(gaps, timestamp_ns, sink);
         self.reasoning.see_structure(seeing.structure(&pose));
-        self.reasoning.push(timestamp_ns, frame, &measured, sink);
+        self.reason(timestamp_ns, frame, &measured, sink);
         self.attention.saw(timestamp_ns, whole, &detections, self.reasoning.tracks());
         Ok(())
     }
@@ -221,7 +227,15 @@ impl<'b> Engine<'b> {
         self.inputs += 1;
         let Some(gaps) = self.timeline.advance(timestamp_ns) else { return };
         tell_gaps(gaps, timestamp_ns, sink);
-        self.reasoning.push(timestamp_ns, frame, positions, sink);
+        self.reason(timestamp_ns, frame, positions, sink);
+    }
+
+    fn reason(&mut self, timestamp_ns: i64, frame: u64, measured: &[Measurement], sink: &mut dyn FnMut(Event)) {
+        #[cfg(feature = "std")]
+        if let Some(own) = &mut self.own {
+            return self.reasoning.push_by(Some(&mut **own), timestamp_ns, frame, measured, sink);
+        }
+        self.reasoning.push(timestamp_ns, frame, measured, sink);
     }
 
     /// Makes everything final.
@@ -241,6 +255,11 @@ impl<'b> Engine<'b> {
             events_dropped: self.reasoning.homeless(),
             ..self.assembler.as_ref().map(Assembler::counters).unwrap_or_default()
         }
+    }
+
+    /// Whether its user's own law gave no answer: then it takes in nothing more.
+    pub fn is_lawless(&self) -> bool {
+        self.reasoning.is_lawless()
     }
 
     /// Where each tracked object is by the laws of physics.
@@ -265,6 +284,12 @@ impl Engine<'static> {
             Some(camera) => Self::for_frames(config, camera, Buffers::owned(camera.width, camera.height)),
             None => Self::for_positions(config),
         }
+    }
+
+    /// From the first input on, objects that nobody touches move by `law` instead of gravity and the air
+    /// (see [`Reasoning::push_by`] and [`Config::can_obey`]).
+    pub fn obey(&mut self, law: std::boxed::Box<dyn OwnLaw + Send>) {
+        self.own = Some(law);
     }
 
     /// For packets, with buffers of its own.

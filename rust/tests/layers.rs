@@ -29,7 +29,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ),
     ("mesh_file", &["geometry"]),
     ("config_file", &["geometry", "mesh_file"]),
-    ("run", &["kinect::disparity", "geometry", "engine", "reasoning::Predictor", "seeing", "source"]),
+    ("run", &["kinect::disparity", "geometry", "physics::own", "engine", "reasoning::Predictor", "seeing", "source"]),
     // Never an estimator: it makes what estimators are judged by.
     ("sim", &["geometry", "kinect", "capture"]),
     (

@@ -10,6 +10,7 @@ pub mod inconsistency;
 pub mod law;
 pub mod moments;
 pub mod onset;
+pub mod own;
 pub mod paper;
 pub mod restitution;
 pub mod scale;

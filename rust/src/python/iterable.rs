@@ -4,6 +4,7 @@
 use super::array::timestamp_ns;
 use super::error::RecordingError;
 use super::event::Position;
+use super::law::StreamLaw;
 use crate::config::{CameraConfig, Config};
 use crate::event::EndReason;
 use crate::geometry::camera::{Camera, DepthCode};
@@ -17,6 +18,7 @@ use pyo3::exceptions::{PyException, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyIterator, PyList, PyTuple};
 use std::borrow::Cow;
+use std::boxed::Box;
 use std::format;
 use std::string::ToString;
 use std::sync::Arc;
@@ -37,15 +39,23 @@ pub struct Iterable {
     failure: Option<PyErr>,
     /// Where images go, if they are wanted.
     latest: Option<Arc<Latest>>,
+    /// The user's own law, until the run has it.
+    law: Option<StreamLaw>,
 }
 
 /// An item, `None` after the last, or what the iterable raised.
 type Pulled = PyResult<Option<Py<PyAny>>>;
 
 impl Iterable {
-    pub fn new(items: &Bound<'_, PyAny>, config: Config, options: Options, latest: Option<Arc<Latest>>) -> PyResult<Self> {
+    pub fn new(
+        items: &Bound<'_, PyAny>,
+        config: Config,
+        options: Options,
+        latest: Option<Arc<Latest>>,
+        law: Option<StreamLaw>,
+    ) -> PyResult<Self> {
         let items = items.try_iter().map_err(|_| PyTypeError::new_err(format!("{} is no source: {EXPECTED}", items.get_type())))?;
-        Ok(Self { items: items.unbind(), config, options, run: None, ahead: None, failure: None, latest })
+        Ok(Self { items: items.unbind(), config, options, run: None, ahead: None, failure: None, latest, law })
     }
 
     /// Pulls one instant; `None` after the last. What goes wrong is told after the end of the stream, if that has begun.
@@ -146,6 +156,9 @@ impl Iterable {
             let run = self.run.insert(Run::new("iterable", &self.config, camera, self.options)?);
             if let Some(latest) = &self.latest {
                 run.show(Arc::clone(latest));
+            }
+            if let Some(law) = self.law.take() {
+                run.obey(Box::new(law));
             }
         }
         let Some(run) = &mut self.run else { return Err(PyValueError::new_err(EXPECTED)) };

@@ -1,16 +1,19 @@
-//! Laws of motion by name, or as a Python callable.
+//! Laws of motion by name, or as a Python callable: of a fit, and of a stream.
 
 use super::array::vector;
 use super::config;
+use crate::config::Config;
 use crate::math::Vec3;
 use crate::physics::gravity::Gravity;
 use crate::physics::law::{FreeFallWithDrag, Law};
+use crate::physics::own::OwnLaw;
 use numpy::PyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::cell::RefCell;
 use std::format;
 use std::string::String;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Which law.
 pub enum Motion {
@@ -111,15 +114,64 @@ impl Law for PyLaw<'_> {
         if self.raised.borrow().is_some() {
             return nowhere;
         }
-        let [p, v] = [position, velocity].map(|x| PyArray1::from_slice(self.callable.py(), x.as_slice()));
-        let answer = self.callable.call1((t, p, v));
-        let acceleration = answer.and_then(|a| vector(&a, "what law returns")).and_then(|a| finite(a, "what law returns"));
-        acceleration.map_or_else(
+        ask(self.callable, t, position, velocity).map_or_else(
             |error| {
                 *self.raised.borrow_mut() = Some(error);
                 nowhere
             },
             |a| a + gravity,
         )
+    }
+}
+
+/// What `law(t, position, velocity)` returns, or raises.
+fn ask(law: &Bound<'_, PyAny>, t: f64, position: &Vec3, velocity: &Vec3) -> PyResult<Vec3> {
+    let [p, v] = [position, velocity].map(|x| PyArray1::from_slice(law.py(), x.as_slice()));
+    let answer = law.call1((t, p, v))?;
+    vector(&answer, "what law returns").and_then(|a| finite(a, "what law returns"))
+}
+
+/// A callable as the law of a stream, which asks it on whichever thread reads the source.
+pub struct StreamLaw {
+    callable: Py<PyAny>,
+    raised: Raised,
+}
+
+/// What the law of a stream raised.
+#[derive(Clone, Default)]
+pub struct Raised(Arc<Mutex<Option<PyErr>>>);
+
+impl Raised {
+    /// Once.
+    pub fn take(&self) -> Option<PyErr> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+}
+
+impl StreamLaw {
+    /// The law, which `config` must leave room for, and where to find what it raised.
+    pub fn new(law: &Bound<'_, PyAny>, config: &Config) -> PyResult<(Self, Raised)> {
+        if !law.is_callable() {
+            let shown = super::array::shown(law);
+            return Err(PyValueError::new_err(format!(
+                "law must be a callable law(t, position, velocity), got {shown}; laws by name are the configuration's"
+            )));
+        }
+        config.can_obey()?;
+        let raised = Raised::default();
+        Ok((Self { callable: law.clone().unbind(), raised: raised.clone() }, raised))
+    }
+}
+
+impl OwnLaw for StreamLaw {
+    fn acceleration(&mut self, t: f64, position: &Vec3, velocity: &Vec3) -> Option<Vec3> {
+        // An interpreter that shuts down has no use for an answer.
+        Python::try_attach(|py| match ask(self.callable.bind(py), t, position, velocity) {
+            Ok(acceleration) => Some(acceleration),
+            Err(error) => {
+                *self.raised.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+                None
+            }
+        })?
     }
 }

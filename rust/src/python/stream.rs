@@ -6,6 +6,7 @@ use super::error::StreamTimeoutError;
 use super::event::{self, Counters};
 use super::frame::Frame;
 use super::iterable::Iterable;
+use super::law::{Raised, StreamLaw};
 use super::video::VideoFrame;
 use super::waiting::{SLICE, wait_for};
 use crate::config::EnvironmentConfig;
@@ -29,7 +30,7 @@ use std::time::{Duration, Instant};
 use std::vec::Vec;
 
 /// An iterator of events, and a context manager.
-#[pyclass(frozen, module = "physinc")]
+#[pyclass(frozen, weakref, module = "physinc")]
 pub struct Stream {
     feed: Feed,
     timeout: Option<Duration>,
@@ -40,6 +41,8 @@ pub struct Stream {
     filmed: Option<Shown<LatestVideo, VideoFrame>>,
     tape: Option<Tape>,
     environment: Arc<Environment>,
+    /// What the user's own law raised, if there is one.
+    raised: Option<Raised>,
 }
 
 /// Where images come from, if they are wanted, and the newest that was handed out.
@@ -94,7 +97,10 @@ impl Stream {
                 Ok(Some(Step { events, predictors, counters, busy, arrival_ns })) => {
                     *self.now() = Now { events: events.into(), predictors, counters, busy, arrival_ns };
                 }
-                Ok(None) => self.close(py)?,
+                Ok(None) => {
+                    let closed = self.close(py);
+                    return self.raised.as_ref().and_then(Raised::take).map_or(closed.map(|()| None), Err);
+                }
                 Err(error) => {
                     // Silence and Ctrl-C leave the stream as it is, what else went wrong ends it.
                     if !error.is_instance_of::<StreamTimeoutError>(py) && !error.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py)
@@ -121,19 +127,18 @@ impl Stream {
     /// Stops reading; no more events. A device can be opened again afterwards, and a recording is complete.
     fn close(&self, py: Python<'_>) -> PyResult<()> {
         self.closed.store(true, Ordering::Relaxed);
-        self.interrupt();
-        if let Feed::Reader(reader) = &self.feed {
-            py.detach(|| reader.release());
-        }
+        self.interrupted.store(true, Ordering::Relaxed);
+        py.detach(|| self.release());
         py.detach(|| self.tape.as_ref().map_or(Ok(()), Tape::finish))?;
         Ok(())
     }
 
     /// Ends the stream as Ctrl-C does: what is known becomes final, and `stream_ended` is the last event.
-    fn interrupt(&self) {
+    fn interrupt(&self, py: Python<'_>) {
         self.interrupted.store(true, Ordering::Relaxed);
         if let Feed::Reader(reader) = &self.feed {
-            reader.interrupt();
+            // A frame that is being reasoned about may wait for the interpreter, which the user's own law needs.
+            py.detach(|| reader.interrupt());
         }
     }
 
@@ -200,6 +205,7 @@ impl Stream {
         video: Option<Arc<LatestVideo>>,
         tape: Option<Tape>,
         environment: &EnvironmentConfig,
+        raised: Option<Raised>,
     ) -> PyResult<Self> {
         let timeout = match timeout {
             None => None,
@@ -216,7 +222,15 @@ impl Stream {
             filmed: video.map(Shown::new),
             tape,
             environment: Arc::new(Environment::new(environment)),
+            raised,
         })
+    }
+
+    /// Lets go of the source.
+    fn release(&self) {
+        if let Feed::Reader(reader) = &self.feed {
+            reader.release();
+        }
     }
 
     fn now(&self) -> MutexGuard<'_, Now> {
@@ -251,6 +265,13 @@ impl Stream {
                 )));
             }
         }
+    }
+}
+
+impl Drop for Stream {
+    /// Not with the interpreter in hand, which the user's own law may be waiting for on the reader's thread.
+    fn drop(&mut self) {
+        Python::try_attach(|py| py.detach(|| self.release()));
     }
 }
 
@@ -289,7 +310,7 @@ impl Track {
 /// Opens a source by name. `name` is what the stream calls it, `gravity` what an accelerometer in its camera tells; what it
 /// delivers is recorded in `record`, in TUM's layout with `tum`.
 #[pyfunction]
-#[pyo3(signature = (source, *, name, config, camera, positions, provisional, images, gravity, frames, duration, every_frame, reconnect, record, tum, timeout))]
+#[pyo3(signature = (source, *, name, config, camera, positions, provisional, images, gravity, frames, duration, every_frame, reconnect, record, tum, timeout, law))]
 #[allow(clippy::too_many_arguments, clippy::fn_params_excessive_bools)] // They are Python's.
 pub fn open_source(
     py: Python<'_>,
@@ -308,6 +329,7 @@ pub fn open_source(
     record: Option<PathBuf>,
     tum: bool,
     timeout: Option<f64>,
+    law: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Stream> {
     let mut config = config::config(config)?;
     let file = match config::camera(camera)? {
@@ -319,6 +341,7 @@ pub fn open_source(
         CameraSource::Nowhere => None,
     };
     config.camera.gravity_in_camera = gravity.or(config.camera.gravity_in_camera);
+    let (law, raised) = law.map(|law| StreamLaw::new(law, &config)).transpose()?.unzip();
     let (named, theirs) = (String::from(source), config.clone());
     let mut source = wait_for(py, move || crate::source::open(&named, &theirs, file.as_deref()))??;
     if let Some(seconds) = reconnect {
@@ -334,13 +357,16 @@ pub fn open_source(
     if let Some(latest) = &latest {
         run.show(Arc::clone(latest));
     }
+    if let Some(law) = law {
+        run.obey(Box::new(law));
+    }
     let video = source.video();
-    Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout, latest, video, tape, &config.environment)
+    Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout, latest, video, tape, &config.environment, raised)
 }
 
 /// Takes frames or positions from a Python iterable.
 #[pyfunction]
-#[pyo3(signature = (items, *, config, camera, positions, provisional, images))]
+#[pyo3(signature = (items, *, config, camera, positions, provisional, images, law))]
 pub fn open_iterable(
     items: &Bound<'_, PyAny>,
     config: Option<&Bound<'_, PyAny>>,
@@ -348,6 +374,7 @@ pub fn open_iterable(
     positions: bool,
     provisional: bool,
     images: bool,
+    law: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Stream> {
     let mut config = config::config(config)?;
     config.camera = match config::camera(camera)? {
@@ -356,9 +383,10 @@ pub fn open_iterable(
         CameraSource::Nowhere => config.camera,
     };
     config.validate()?;
+    let (law, raised) = law.map(|law| StreamLaw::new(law, &config)).transpose()?.unzip();
     let options = Options { positions, provisional, ..Options::default() };
     let latest = images.then(Arc::<Latest>::default);
     let environment = config.environment.clone();
-    let feed = Feed::Iterable(Mutex::new(Iterable::new(items, config, options, latest.clone())?));
-    Stream::new(feed, None, latest, None, None, &environment)
+    let feed = Feed::Iterable(Mutex::new(Iterable::new(items, config, options, latest.clone(), law)?));
+    Stream::new(feed, None, latest, None, None, &environment, raised)
 }

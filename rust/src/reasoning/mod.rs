@@ -13,7 +13,8 @@ use crate::math::{Mat3, Vec3, rows};
 use crate::physics::between;
 use crate::physics::contact::Contact;
 use crate::physics::gravity::Gravity;
-use crate::physics::law::{FreeFallWithDrag, State};
+use crate::physics::law::{FreeFallWithDrag, Law, State};
+use crate::physics::own::{Motion, OwnLaw, Tabulated};
 use crate::scene::camera_motion::CameraMotion;
 use crate::scene::level::Level;
 use crate::scene::plane::Up;
@@ -60,6 +61,8 @@ pub struct Reasoning {
     /// Newest stamp, ns.
     now: i64,
     announced: bool,
+    /// The user's own law gave no answer.
+    lawless: bool,
     last_track: u32,
     last_contact: u32,
     last_orientation: u32,
@@ -90,6 +93,7 @@ impl Reasoning {
             surfaces: Surfaces::new(&config.environment, config.assume.scene == SceneAssumption::Known),
             now: 0,
             announced: false,
+            lawless: false,
             last_track: 0,
             last_contact: 0,
             last_orientation: 0,
@@ -112,6 +116,25 @@ impl Reasoning {
 
     /// Takes in what was seen at one instant, `frame` of the stream; stamps increase.
     pub fn push(&mut self, timestamp_ns: i64, frame: u64, measured: &[Measurement], sink: &mut dyn FnMut(Event)) {
+        self.push_by(None, timestamp_ns, frame, measured, sink);
+    }
+
+    /// The same under a user's own law, the same in every frame, instead of gravity and the air: it is asked for each object that is measured,
+    /// once. Gravity is taken as known then. Where the law gives no answer nothing more is taken in ([`Reasoning::is_lawless`]).
+    pub fn push_by(
+        &mut self,
+        mut own: Option<&mut dyn OwnLaw>,
+        timestamp_ns: i64,
+        frame: u64,
+        measured: &[Measurement],
+        sink: &mut dyn FnMut(Event),
+    ) {
+        if self.lawless {
+            return;
+        }
+        if own.is_some() {
+            self.gravity = Gravity::known(Vec3::from(self.config.laws.gravity));
+        }
         self.now = timestamp_ns;
         self.announce(sink);
         // What is no number tells nothing.
@@ -134,7 +157,15 @@ impl Reasoning {
             }
             assigned[i] = assigned[i].or_else(|| self.adopt(m, &assigned)).or_else(|| self.begin(m, &assigned, sink));
             match assigned[i] {
-                Some(id) => self.extend(id, m, frame, sink),
+                Some(id) => {
+                    if let Some(own) = &mut own {
+                        self.ask(&mut **own, id, m);
+                        if self.lawless {
+                            return;
+                        }
+                    }
+                    self.extend(id, m, frame, sink);
+                }
                 None => self.homeless += 1,
             }
         }
@@ -160,15 +191,20 @@ impl Reasoning {
     /// Where each tracked object is by the laws of physics.
     pub fn predictors(&self) -> impl Iterator<Item = Predictor> + '_ {
         self.tracks.iter().map(|track| {
-            let law = self.law(track.radius);
+            let law = self.motion_of(track);
             let outlook = track.outlook(&self.around(&law));
-            Predictor::new(track, outlook, law, self.gravity.mean, &self.config.object, self.surfaces.restitutions())
+            Predictor::new(track, outlook, law.ahead(), self.gravity.mean, &self.config.object, self.surfaces.restitutions())
         })
     }
 
     /// What is known of the scene.
     pub fn environment(&self) -> &Environment {
         self.surfaces.environment()
+    }
+
+    /// Whether a user's own law gave no answer: then nothing more is taken in.
+    pub fn is_lawless(&self) -> bool {
+        self.lawless
     }
 
     /// Objects that are tracked.
@@ -193,7 +229,11 @@ impl Reasoning {
         FreeFallWithDrag::of(&self.config.object, &self.config.laws, radius)
     }
 
-    fn around<'a>(&'a self, law: &'a FreeFallWithDrag) -> Surroundings<'a> {
+    fn motion_of(&self, track: &Track) -> Motion {
+        track.own.clone().map_or_else(|| Motion::Fall(self.law(track.radius)), Motion::Own)
+    }
+
+    fn around<'a>(&'a self, law: &'a dyn Law) -> Surroundings<'a> {
         Surroundings { law, gravity: &self.gravity, duration: self.config.object.contact_duration, normal_at: &|_| None }
     }
 
@@ -258,6 +298,24 @@ impl Reasoning {
         self.with_track(id, sink, false, |track, noise, around, findings| track.push(m, noise, around, findings));
     }
 
+    /// Asks the user's law about an object that is being measured.
+    fn ask(&mut self, own: &mut dyn OwnLaw, id: u32, m: &Measurement) {
+        let Some(track) = self.track(id) else { return };
+        let (law, young) = (self.motion_of(track), track.samples().len() < 2);
+        let covariance = m.covariance.unwrap_or_else(|| Mat3::from_diagonal_element(self.noise.sd() * self.noise.sd()));
+        let state = track.state(&self.around(&law), track.seconds(m.time_ns), &m.center, &covariance);
+        let answer = own.acceleration(state.t, &state.position, &state.velocity).filter(|a| a.iter().all(|x| x.is_finite()));
+        self.lawless = answer.is_none();
+        let gravity = self.gravity.mean;
+        let (Some(acceleration), Some(track)) = (answer, self.track_mut(id)) else { return };
+        let table = track.own.get_or_insert_with(|| Tabulated::new(gravity));
+        if young {
+            // What was asked before had no velocity.
+            table.clear();
+        }
+        table.push(state.t, acceleration);
+    }
+
     /// Runs `f` on a track in its surroundings, for the last time perhaps, and tells what came to light.
     fn with_track(
         &mut self,
@@ -267,8 +325,7 @@ impl Reasoning {
         f: impl FnOnce(&mut Track, &mut Noise, &Surroundings, &mut Findings),
     ) {
         let (mut findings, mut told) = (Findings::new(), Told::new());
-        let Some(radius) = self.track(id).map(|t| t.radius) else { return };
-        let law = self.law(radius);
+        let Some((radius, law)) = self.track(id).map(|t| (t.radius, self.motion_of(t))) else { return };
         {
             let Self { tracks, noise, gravity, surfaces, config, last_activity, .. } = self;
             let duration = config.object.contact_duration;
@@ -294,7 +351,7 @@ impl Reasoning {
                 Finding::Inconsistent(alarm) => self.tell_inconsistency(id, &alarm, sink),
                 Finding::Touched(contact, again) => self.tell_touch(id, &contact, again, sink),
                 Finding::Settled(contact) => self.tell_contact(id, &contact, sink),
-                Finding::Flown(flight, since, until) => self.learn_flight(id, law, &flight, since, until, sink),
+                Finding::Flown(flight, since, until) => self.learn_flight(id, &law, &flight, since, until, sink),
                 Finding::Parted(at) => self.part(id, at, sink),
                 Finding::Fell(since, until) => self.learn_by_paper(id, since, until, sink),
                 Finding::Drifted(since, until) => {
@@ -324,11 +381,11 @@ impl Reasoning {
             residual_rms: None,
             whole: true,
         };
-        let (last, sign) = (track.last, track.sign);
+        let (last, sign, own) = (track.last, track.sign, track.own.clone());
         self.end(id, TrackReason::Lost, sink);
         let Some(new) = self.begin(&m, &[], sink) else { return };
         if let Some(track) = self.track_mut(new) {
-            (track.last, track.sign) = (last, sign);
+            (track.last, track.sign, track.own) = (last, sign, own);
         }
         for sample in samples {
             self.with_track(new, sink, false, |track, _, around, findings| track.push_sample(sample, around, findings));
@@ -340,7 +397,7 @@ impl Reasoning {
     fn look_after(&mut self, id: u32, timestamp_ns: i64, excused: bool, sink: &mut dyn FnMut(Event)) {
         let Some(track) = self.track(id) else { return };
         let now = track.seconds(timestamp_ns);
-        let law = self.law(track.radius);
+        let law = self.motion_of(track);
         let prediction = track.predict(&self.around(&law), now);
         let unseen = now - track.last;
         let reason = match () {

@@ -5,7 +5,7 @@ use crate::geometry::environment::Environment;
 use crate::math::{Mat3, Vec3};
 use crate::physics::contact::RESTITUTION;
 use crate::physics::course::Course;
-use crate::physics::law::FreeFallWithDrag;
+use crate::physics::own::Motion;
 use crate::scene::surfaces::Restitutions;
 use crate::time::seconds_between;
 use crate::track::object::{Outlook, Track};
@@ -16,7 +16,7 @@ pub struct Predictor {
     track: u32,
     epoch_ns: i64,
     outlook: Outlook,
-    law: FreeFallWithDrag,
+    law: Motion<1>,
     gravity: Vec3,
     radius: f64,
     duration: f64,
@@ -28,7 +28,7 @@ impl Predictor {
     pub(super) fn new(
         track: &Track,
         outlook: Outlook,
-        law: FreeFallWithDrag,
+        law: Motion<1>,
         gravity: Vec3,
         object: &ObjectConfig,
         restitutions: Restitutions,
@@ -42,7 +42,8 @@ impl Predictor {
         self.track
     }
 
-    /// Center (world, m) at `timestamp_ns`, and its covariance (m²), if it touches nothing.
+    /// Center (world, m) at `timestamp_ns`, and its covariance (m²), if it touches nothing. What a user's own law answered last holds from
+    /// then on.
     pub fn predict(&self, timestamp_ns: i64) -> (Vec3, Mat3) {
         let prediction = self.outlook.predict(&self.law, seconds_between(self.epoch_ns, timestamp_ns));
         (prediction.state.position, prediction.covariance)

@@ -8,7 +8,7 @@ use crate::physics::contact::{Contact, RESTITUTION};
 use crate::physics::flight::Flight;
 use crate::physics::gravity::Gravity;
 use crate::physics::inconsistency::Inconsistency;
-use crate::physics::law::FreeFallWithDrag;
+use crate::physics::law::Law;
 use crate::physics::translation::Displacement;
 use crate::physics::{between, paper};
 use crate::scene::camera_motion::Told;
@@ -77,24 +77,16 @@ impl Reasoning {
     }
 
     /// A flight is over: what it says of gravity and of the noise.
-    pub(super) fn learn_flight(
-        &mut self,
-        id: u32,
-        law: FreeFallWithDrag,
-        flight: &Flight,
-        since: f64,
-        until: f64,
-        sink: &mut dyn FnMut(Event),
-    ) {
+    pub(super) fn learn_flight(&mut self, id: u32, law: &dyn Law, flight: &Flight, since: f64, until: f64, sink: &mut dyn FnMut(Event)) {
         let Some(track) = self.tracks.iter().find(|t| t.id == id) else { return };
         let samples = between(track.samples(), since, until);
         // Just after an impact a ball swings.
-        self.noise.learn(flight, &law, between(samples, since + SETTLED, until));
-        // A force of its own is not gravity.
-        if track.activity.as_ref().is_some_and(|activity| !activity.is_passive(since, until)) {
+        self.noise.learn(flight, law, between(samples, since + SETTLED, until));
+        // Under a user's own law gravity is known, and a force of its own is not gravity.
+        if track.own.is_some() || track.activity.as_ref().is_some_and(|activity| !activity.is_passive(since, until)) {
             return;
         }
-        let Some((information, vector)) = flight.gravity_information(&law, samples) else { return };
+        let Some((information, vector)) = flight.gravity_information(law, samples) else { return };
         self.learn_gravity(&(information / flight.excess()), &(vector / flight.excess()), sink);
     }
 

@@ -14,6 +14,7 @@ use crate::engine::{Engine, Sink};
 use crate::error::ConfigError;
 use crate::event::{CameraModel, Counters, Disconnected, EndReason, Event, Kind, Reconnected, StreamEnded, StreamStarted};
 use crate::geometry::camera::Camera;
+use crate::physics::own::OwnLaw;
 use crate::reasoning::Predictor;
 use crate::seeing::{Image, SeeError};
 use crate::source::{Input, Source};
@@ -100,6 +101,11 @@ impl Run {
         self.latest = Some(latest);
     }
 
+    /// Objects that nobody touches move by `law` ([`Engine::obey`]); where it gives no answer the stream ends, as if its source had broken.
+    pub fn obey(&mut self, law: Box<dyn OwnLaw + Send>) {
+        self.engine.obey(law);
+    }
+
     /// One input through the engine; its events go to `sink`. After the end nothing happens. Whether anything came of it: most packets
     /// only become a part of a frame.
     ///
@@ -148,6 +154,9 @@ impl Run {
         let Some(begun) = begun else { return Ok(false) };
         self.busy += begun.elapsed();
         self.arrival_ns = arrival;
+        if self.engine.is_lawless() {
+            self.end(EndReason::Disconnected, sink);
+        }
         if late || self.options.frames.is_some_and(|frames| self.engine.counters().frames >= frames) {
             self.end(EndReason::Limit, sink);
         }
@@ -236,6 +245,8 @@ impl From<&Camera> for CameraModel {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::Vec3;
+    use crate::source::measurement;
     use std::vec::Vec;
 
     fn names(options: Options, stamps: &[i64]) -> Vec<(Kind, i64)> {
@@ -270,6 +281,26 @@ mod tests {
         assert_eq!(ended(frames, &[0, 1, 2, 3]), (EndReason::Limit, 2, 1));
         let duration = Options { duration: Some(0.5), ..Options::default() };
         assert_eq!(ended(duration, &[0, 500_000_000, 500_000_001]), (EndReason::Limit, 2, 500_000_000));
+    }
+
+    #[test]
+    fn a_law_that_has_no_answer_ends_the_stream() {
+        struct Mute(u32);
+        impl OwnLaw for Mute {
+            fn acceleration(&mut self, _: f64, _: &Vec3, _: &Vec3) -> Option<Vec3> {
+                self.0 = self.0.checked_sub(1)?;
+                Some(Vec3::zeros())
+            }
+        }
+        let mut run = Run::new("test", &Config::default(), None, Options { positions: true, ..Options::default() }).unwrap();
+        run.obey(Box::new(Mute(3)));
+        let mut events = Vec::new();
+        for timestamp_ns in (0..9).map(|i| i * 33_333_333) {
+            let center = measurement(timestamp_ns, Vec3::zeros(), None, None, 0.03).unwrap();
+            run.push(Input::Positions { timestamp_ns, positions: &[center] }, &mut |e| events.push(e.kind)).unwrap();
+        }
+        assert_eq!(events.iter().filter(|kind| matches!(kind, Kind::Position(_))).count(), 3);
+        assert!(matches!(events.last(), Some(Kind::StreamEnded(end)) if end.reason == EndReason::Disconnected && end.counters.frames == 4));
     }
 
     #[test]

@@ -64,6 +64,7 @@ pub fn associate(tracks: &[Track], measured: &[Measurement], sight: Option<Sight
     let mut excused = [false; TRACKS];
     for ((track, gains), excused) in tracks.iter().zip(&mut gains).zip(&mut excused) {
         let now = measured.first().map_or(0.0, |m| track.seconds(m.time_ns));
+        let around = &track.own.as_ref().map_or(*around, |law| Surroundings { law, ..*around });
         let Some(expected) = Expectation::new(track, around, !track.is_missed(now)) else { continue };
         let place = sight.zip(expected.prediction(around.law, now)).map(|(sight, p)| (sight, p, sight.pose.to_camera(&p.state.position)));
         *excused = place.is_some_and(|(sight, p, center)| {

@@ -4,7 +4,9 @@ use crate::config::{LawsConfig, Method};
 use crate::math::{Mat3, Vec3};
 use crate::physics::course::Course;
 use crate::physics::flight::{Flight, Prediction, VELOCITY_SD};
+use crate::physics::inconsistency::WhitenedTest;
 use crate::physics::law::{FreeFall, Law, State};
+use crate::physics::own::Tabulated;
 use crate::physics::{Sample, between};
 use crate::time::{after, seconds_between};
 use crate::track::Measurement;
@@ -43,6 +45,9 @@ impl Watch {
 /// An object that frame after frame did not show for so long, s, was not hidden by lost frames: it is not found again elsewhere.
 const MISSED: f64 = 0.07;
 
+/// A measurement this far (squared, whitened) from where the law puts it may still be there: one in 100 of χ² with 3 degrees of freedom.
+const AGREES: f64 = 11.3;
+
 /// Blobs that are remembered.
 pub const HINTS: usize = 3;
 
@@ -78,6 +83,8 @@ pub struct Track {
     pub activity: Option<Activity>,
     /// Its positions come without covariance.
     pub untold: bool,
+    /// What the user's own law answered along its way, if there is one.
+    pub own: Option<Tabulated>,
 }
 
 impl Track {
@@ -98,6 +105,7 @@ impl Track {
             watch,
             activity: None,
             untold: false,
+            own: None,
         }
     }
 
@@ -201,6 +209,21 @@ impl Track {
     /// Where the object is at `t` (s).
     pub fn predict(&self, around: &Surroundings, t: f64) -> Prediction {
         self.outlook(around).predict(around.law, t)
+    }
+
+    /// Where it is at `t` (s), and how fast: by the law, unless that has ceased to hold and a measurement at `center` (m) with `covariance` (m²)
+    /// disagrees with it; then there, and as fast as it came from the last one.
+    pub fn state(&self, around: &Surroundings, t: f64, center: &Vec3, covariance: &Mat3) -> State {
+        let by_law = self.lawful(around).filter(|(fit, _)| fit.count > 1).map(|_| self.predict(around, t));
+        let holds = |p: &Prediction| self.unexplained().is_empty() || WhitenedTest::distance2(p, center, covariance) < AGREES;
+        by_law.filter(holds).map_or_else(
+            || {
+                let before = self.samples().last().filter(|s| s.t < t);
+                let velocity = before.map_or_else(Vec3::zeros, |s| (center - s.position) / (t - s.t));
+                State { t, position: *center, velocity }
+            },
+            |prediction| prediction.state,
+        )
     }
 
     /// The law that holds for it, and whether a surface carries it.
