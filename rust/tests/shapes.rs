@@ -48,8 +48,7 @@ fn view(camera: &Camera, bodies: &[(&[Solid], Motion)], random: Option<&mut Rand
     if let Some(random) = random {
         image = disturb(camera, &image, random);
     }
-    image.iter_mut().for_each(|z| *z = z.min(WALL));
-    image
+    image.into_iter().map(|z| z.min(WALL)).collect()
 }
 
 struct Watcher {

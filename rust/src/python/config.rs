@@ -17,13 +17,12 @@ use std::vec::Vec;
 /// `None`, the path of a TOML file, a dict or a dataclass.
 pub fn config(from: Option<&Bound<'_, PyAny>>) -> PyResult<Config> {
     let Some(from) = from else { return Ok(Config::default()) };
-    let config = match path(from) {
-        Some(path) => config_file::read_config(&path)?,
-        None => {
-            let mut config = keys(from, "config")?;
-            config_file::read_meshes(&mut config, Path::new(""), |_| "config".into())?;
-            config
-        }
+    let config = if let Some(path) = path(from) {
+        config_file::read_config(&path)?
+    } else {
+        let mut config = keys(from, "config")?;
+        config_file::read_meshes(&mut config, Path::new(""), |_| "config".into())?;
+        config
     };
     config.validate()?;
     Ok(config)
