@@ -1,4 +1,4 @@
-//! The motion between two views of one body: error and time, for `benches/icp.py`, which judges small_gicp by the same views.
+//! The motion between two views of one body: error and time, for `benches/icp.py`, which judges `small_gicp` by the same views.
 //!
 //!     cargo bench --bench icp -- [--seed N] [--dump FILE]
 //!
@@ -33,7 +33,8 @@ struct View {
 
 impl View {
     fn new(image: &[f32], width: usize) -> Self {
-        let (mut runs, mut area): (Vec<(usize, usize, Vec<f64>)>, Option<Area>) = (Vec::new(), None);
+        let mut runs: Vec<(usize, usize, Vec<f64>)> = Vec::new();
+        let mut area: Option<Area> = None;
         for (i, z) in image.iter().enumerate().filter(|(_, z)| z.is_finite()) {
             let (row, column) = (i / width, i % width);
             match runs.last_mut().filter(|(r, start, depths)| *r == row && start + depths.len() == column) {

@@ -183,7 +183,7 @@ fn rms_of(errors: &[Vec3], part: impl Fn(&Vec3) -> f64) -> f64 {
 #[test]
 fn a_ball_alone_tells_the_path_of_a_camera_that_sees_nothing_else() {
     let errors = path_errors("none");
-    assert!(errors.len() > 45 && rms_of(&errors, |e| e.norm()) < 5.0, "{}", rms_of(&errors, |e| e.norm()));
+    assert!(errors.len() > 45 && rms_of(&errors, Vec3::norm) < 5.0, "{}", rms_of(&errors, Vec3::norm));
 }
 
 #[test]
