@@ -27,6 +27,21 @@ impl Noise {
     }
 }
 
+/// A ball's center at `t` (s), by a tracker that knows it as `label`.
+fn measured(t: f64, center: Vec3, label: u32) -> Measurement {
+    Measurement {
+        time_ns: (t * 1e9) as i64,
+        center,
+        covariance: Some(Mat3::from_diagonal_element(SD * SD)),
+        center_in_camera: None,
+        label: Some(label),
+        radius: 0.033,
+        points: None,
+        residual_rms: None,
+        whole: true,
+    }
+}
+
 /// Balls, one after the other: each of 24 frames, 0.5 s apart; before a camera whose displacement is `camera`(seconds since the first frame).
 fn throw(flights: u32, camera: impl Fn(f64) -> Vec3, config: &Config, seed: u64) -> Vec<Event> {
     let mut engine = Engine::for_positions(config).unwrap();
@@ -40,18 +55,7 @@ fn throw(flights: u32, camera: impl Fn(f64) -> Vec3, config: &Config, seed: u64)
             let t = begun + f64::from(k) / 30.0;
             let off = Vec3::new(noise.next(), noise.next(), noise.next()) * SD;
             let center = start.at(t, &law as &dyn Law, &G).position - camera(t) + off;
-            let m = Measurement {
-                time_ns: (t * 1e9) as i64,
-                center,
-                covariance: Some(Mat3::from_diagonal_element(SD * SD)),
-                center_in_camera: None,
-                label: Some(flight),
-                radius: 0.033,
-                points: None,
-                residual_rms: None,
-                whole: true,
-            };
-            engine.positions((t * 1e9) as i64, &[m], &mut |e| events.push(e));
+            engine.positions((t * 1e9) as i64, &[measured(t, center, flight)], &mut |e| events.push(e));
         }
     }
     engine.finish(&mut |e| events.push(e));
@@ -131,18 +135,7 @@ fn a_bounce_is_no_motion_of_the_camera() {
             state.velocity.z *= -0.75;
         }
         let off = Vec3::new(noise.next(), noise.next(), noise.next()) * SD;
-        let m = Measurement {
-            time_ns: (t * 1e9) as i64,
-            center: state.position + off,
-            covariance: Some(Mat3::from_diagonal_element(SD * SD)),
-            center_in_camera: None,
-            label: Some(1),
-            radius: 0.033,
-            points: None,
-            residual_rms: None,
-            whole: true,
-        };
-        engine.positions((t * 1e9) as i64, &[m], &mut |e| events.push(e));
+        engine.positions((t * 1e9) as i64, &[measured(t, state.position + off, 1)], &mut |e| events.push(e));
     }
     engine.finish(&mut |e| events.push(e));
     hold(&events);
