@@ -13,11 +13,22 @@ ROOT = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("PHYSINC_DATA", ROOT.parent / "shared" / "data")) / "jugglebot-mocap"
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason=f"no real recordings at {DATA} (PHYSINC_DATA names their folder)")
-def test_what_a_machine_holds_is_active_and_what_it_throws_is_passive() -> None:
+@pytest.fixture(scope="module")
+def active() -> tuple[float, float]:
+    """Percents told to be active, of what flies and of what is held."""
+    if not DATA.is_dir():
+        pytest.skip(f"no real recordings at {DATA} (PHYSINC_DATA names their folder)")
     command: list[str | Path] = [sys.executable, ROOT / "examples" / "mocap_activity.py", DATA / "session7.json"]
     run = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     assert run.returncode == 0, run.stderr
     flies, held = (line.split()[-3] for line in run.stdout.splitlines()[1:])
-    assert float(flies) < 20.0, run.stdout
-    assert float(held) > 95.0, run.stdout
+    return float(flies), float(held)
+
+
+def test_what_a_machine_holds_is_active(active: tuple[float, float]) -> None:
+    assert active[1] > 95.0
+
+
+@pytest.mark.xfail(reason="a tenth of what flies is told to be active: BENCHMARKS.md, Active or passive", strict=True)
+def test_what_a_machine_throws_is_passive(active: tuple[float, float]) -> None:
+    assert active[0] < 5.0
