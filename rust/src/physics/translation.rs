@@ -20,8 +20,8 @@ use nalgebra::{SMatrix, SVector};
 pub const INSTANTS: usize = 96;
 /// Balls that share the camera.
 pub const BALLS: usize = 4;
-/// Acceleration of a camera that is moved by hand, m/s² (standard deviation).
-const ACCELERATION: f64 = 6.0;
+/// Acceleration of a camera that is moved by hand, m/s² an axis (standard deviation).
+pub const ACCELERATION: f64 = 6.0;
 /// It gets no farther than this within a flight, m (standard deviation).
 const REACH: f64 = 0.3;
 /// One that stands is as still as this, m: on a table, or in a hand that keeps still.

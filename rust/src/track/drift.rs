@@ -4,13 +4,12 @@
 use crate::math::{Mat3, Vec3};
 use crate::physics::flight::Flight;
 use crate::physics::inconsistency::WhitenedTest;
+use crate::physics::translation::ACCELERATION;
 use crate::physics::{Sample, between};
 use crate::track::hypothesis::{LONGEST_BRIDGE, Surroundings};
 use crate::track::motion::{Finding, Findings};
 use crate::track::window::Window;
 
-/// Acceleration of a camera that is moved by hand, m/s² an axis (standard deviation).
-const ACCELERATION: f64 = 6.0;
 /// Squared Mahalanobis distance beyond which no hand did it, and from which on it is doubtful.
 const JERK: (f64, f64) = (30.0, 9.0);
 /// A flight has so many samples at the least.
