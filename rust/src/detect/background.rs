@@ -43,15 +43,9 @@ pub fn learn<S: Sample>(samples: &[S], coding: &Coding, beyond: u16, second: &mu
 /// Turns what `frames` frames taught into limits and shown keys: both behind everything where there was nothing.
 pub fn limit<S: Sample>(coding: &Coding, frames: u32, limits: &mut [u16], shown: &mut [u16]) {
     let beyond = first_key_beyond::<S>(coding);
-    // Neighbours show much the same.
-    let mut known = [(NO_KEY, None); 64];
-    let mut margin = |key: u16| {
-        let last = known.get_mut(usize::from(key % 64))?;
-        if last.0 != key {
-            *last = (key, margin::<S>(key, coding, 0.0));
-        }
-        last.1
-    };
+    let behind = (NO_KEY, [beyond; 2]);
+    // Neighbours show much the same: each key's limit and itself, where it was had before.
+    let mut known = [behind; 64];
     for (limits, shown) in limits.chunks_mut(CHUNK).zip(shown.chunks_mut(CHUNK)) {
         // Where nothing was seen at all, it was so side by side.
         if shown.iter().fold(0, |any, key| any | key) == 0 {
@@ -60,9 +54,13 @@ pub fn limit<S: Sample>(coding: &Coding, frames: u32, limits: &mut [u16], shown:
             continue;
         }
         for (second, farthest) in limits.iter_mut().zip(shown) {
-            let learned = if frames < 3 { *farthest } else { *second };
-            let background = learned.checked_sub(1).and_then(|key| Some((key, margin(key)?)));
-            (*second, *farthest) = background.map_or((beyond, beyond), |(key, margin)| (key.saturating_sub(margin), key));
+            // Nothing learned becomes NO_KEY.
+            let key = (if frames < 3 { *farthest } else { *second }).wrapping_sub(1);
+            let last = &mut known[usize::from(key) % 64];
+            if last.0 != key {
+                *last = (key, margin::<S>(key, coding, 0.0).map_or(behind.1, |margin| [key.saturating_sub(margin), key]));
+            }
+            [*second, *farthest] = last.1;
         }
     }
 }

@@ -124,7 +124,8 @@ impl<S: Sample> View<'_, S> {
         let mut whole_cap = Linear::new(grid, [right, down, along, pattern, residual]);
         let mut outline = Linear::new(grid, planes(outline, cells));
         let evidence = self.compare(patch, guess, &surface, readings, &mut whole_cap, &mut outline);
-        let (constant, gradient) = (dot(whole_cap.residual, whole_cap.residual), moments(whole_cap.planes(), whole_cap.residual));
+        let residual = grid.inside(whole_cap.residual);
+        let (constant, gradient) = (dot(residual, residual), moments(whole_cap.planes().map(|plane| grid.inside(plane)), residual));
         whole_cap.thin::<THIN>(grid, &mut cap, [offset_square, readings]);
 
         let blocks = f64::from(cap.jacobian[2].iter().map(|along| u32::from(*along != 0.0)).sum::<u32>().max(1));
@@ -133,6 +134,7 @@ impl<S: Sample> View<'_, S> {
         let whitened = thinned.whiten(shares, cap.planes(), cap.residual, room);
         let sd = self.noise.lateral() / (2.0 * BAND);
         let planes = outline.planes();
+        let inside = planes.map(|plane| grid.inside(plane));
         Some(Linearised {
             evidence,
             squares: Squares {
@@ -147,8 +149,8 @@ impl<S: Sample> View<'_, S> {
                 covariance: whitened.covariance * (axial * axial),
             },
             outline: Equations {
-                response: products(planes, planes).fixed_columns::<3>(0).into_owned(),
-                moments: moments(planes, outline.residual),
+                response: products(inside, inside).fixed_columns::<3>(0).into_owned(),
+                moments: moments(inside, grid.inside(outline.residual)),
                 covariance: grid.covariance(planes, room) * (sd * sd),
             },
         })

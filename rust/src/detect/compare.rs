@@ -120,12 +120,12 @@ impl<S: Sample> View<'_, S> {
             let (first, row) = patch.pixel(0, y);
             let last = patch.pixel(grid.columns.saturating_sub(1), y).0;
             let (samples, limits) = self.frame.row(row, first..last + 1).unwrap_or_default();
-            for (x, reading) in readings.iter_mut().enumerate() {
-                let shown = match (samples.get(x * patch.stride), limits.get(x * patch.stride)) {
-                    (Some(sample), Some(limit)) => self.frame.shown(*sample, *limit),
-                    _ => None,
-                };
-                *reading = shown.map_or(f32::INFINITY, |z| (z - center.z) as f32);
+            readings.fill(f32::INFINITY);
+            let pixels = samples.iter().step_by(patch.stride).zip(limits.iter().step_by(patch.stride));
+            for (reading, (sample, limit)) in readings.iter_mut().zip(pixels) {
+                if let Some(z) = self.frame.shown(*sample, *limit) {
+                    *reading = (z - center.z) as f32;
+                }
             }
         }
     }
@@ -176,20 +176,7 @@ impl<S: Sample> View<'_, S> {
         let residual = cap.residual.get_mut(pixels.clone()).unwrap_or_default();
         slopes(shifted(-1), shifted(1), (camera.fx * per_metre) as f32, right);
         slopes(shifted(-(width as isize)), shifted(width as isize), (camera.fy * per_metre) as f32, down);
-        let (column, row) = ((center.x / center.z) as f32, (center.y / center.z) as f32);
-        for (((along, right), down), residual) in along.iter_mut().zip(&*right).zip(&*down).zip(&*residual) {
-            let value = 1.0 - right * column - down * row;
-            // Neither holds of NaN.
-            *along = if residual.abs() < gate && value.abs() < f32::INFINITY { value } else { 0.0 };
-        }
-        for plane in [&mut *right, &mut *down, &mut *residual] {
-            for (value, along) in plane.iter_mut().zip(&*along) {
-                *value = if *along == 0.0 { 0.0 } else { *value };
-            }
-        }
-        for ((pattern, right), down) in pattern.iter_mut().zip(&*right).zip(&*down) {
-            *pattern = right * down;
-        }
+        derive([(center.x / center.z) as f32, (center.y / center.z) as f32], gate, [right, down, along, pattern], residual);
         evidence.points = along.iter().map(|along| u32::from(*along != 0.0)).sum();
         evidence
     }
@@ -331,5 +318,19 @@ fn count(residual: &Plane, offsets: &Plane, disc: f32, gate: f32) -> Evidence {
 fn slopes(before: &Plane, behind: &Plane, factor: f32, slopes: &mut Plane) {
     for ((slope, before), behind) in slopes.iter_mut().zip(before).zip(behind) {
         *slope = (before - behind) * factor;
+    }
+}
+
+/// From the slopes of the cap's depth in the picture to its derivatives by the center, of which the third is along the line of sight (through `column`
+/// and `row` at depth 1), and the pattern; all 0 where the reading is wild or shows no ball.
+#[inline(always)]
+fn derive([column, row]: [f32; 2], gate: f32, [right, down, along, pattern]: Planes, residual: &mut Plane) {
+    for ((((right, down), along), pattern), residual) in right.iter_mut().zip(down).zip(along).zip(pattern).zip(residual) {
+        let value = 1.0 - *right * column - *down * row;
+        // Neither holds of NaN.
+        let used = residual.abs() < gate && value.abs() < f32::INFINITY;
+        let keep = |value: f32| if used { value } else { 0.0 };
+        (*right, *down, *along, *residual) = (keep(*right), keep(*down), keep(value), keep(*residual));
+        *pattern = *right * *down;
     }
 }

@@ -8,10 +8,10 @@ use core::ops::Range;
 /// Pixels looked at together where most show nothing.
 pub const CHUNK: usize = 32;
 
-/// Whether a row was looked at, and the chunks of it that show foreground, a bit each.
+/// Whether a row's samples are at hand, and the chunks of it that show foreground, a bit each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Marks {
-    /// Where nobody looked, nothing is marked.
+    /// Whether they are.
     pub looked_at: bool,
     chunks: u64,
 }

@@ -83,6 +83,12 @@ impl Grid {
         self.first()..self.first() + self.rows * self.width()
     }
 
+    /// The pixels of a plane, without what is before and behind.
+    #[inline(always)]
+    pub fn inside<'p>(&self, plane: &'p Plane) -> &'p Plane {
+        plane.get(self.pixels()).unwrap_or_default()
+    }
+
     /// Cells of a plane.
     pub const fn cells(&self) -> usize {
         2 * self.first() + self.rows * self.width()
@@ -161,6 +167,8 @@ impl Grid {
         let sums: [&Plane; 4] = core::array::from_fn(|_| sums.next().unwrap_or_default());
 
         // Jᵀ Cⁿ J.
+        let [jacobian, images] = [jacobian, images].map(|planes| planes.map(|plane| self.inside(plane)));
+        let residual = self.inside(residual);
         let (zeroth, first, second) = (products(jacobian, jacobian), products(jacobian, images), products(images, images));
         let third = products(sums, sums) * f64::from(shared) + second * f64::from(own);
         // The weights' share of either is where the gradients of both vanish.
@@ -244,7 +252,14 @@ pub fn products(a: [&Plane; 4], b: [&Plane; 4]) -> Products {
 /// Σ a · b.
 #[inline(always)]
 pub fn moments(a: [&Plane; 4], b: &Plane) -> SVector<f64, 4> {
-    [dot(a[0], b), dot(a[1], b), dot(a[2], b), dot(a[3], b)].into()
+    let mut sum = [[0.0_f32; WIDE]; 4];
+    let [a0, a1, a2, a3] = a.map(|plane| plane.as_chunks::<WIDE>().0);
+    for ((((a0, a1), a2), a3), b) in a0.iter().zip(a1).zip(a2).zip(a3).zip(b.as_chunks::<WIDE>().0) {
+        for (sum, a) in sum.iter_mut().zip([a0, a1, a2, a3]) {
+            *sum = core::array::from_fn(|k| sum[k] + a[k] * b[k]);
+        }
+    }
+    sum.map(|sum| sum.iter().map(|sum| f64::from(*sum)).sum()).into()
 }
 
 /// Σ a · b.

@@ -23,7 +23,7 @@ impl Seeing<'_> {
             let (width, beyond) = (self.camera.width, first_key_beyond::<S>(&self.coding));
             let rows = limits.chunks_exact_mut(width).zip(farthest.chunks_exact_mut(width)).enumerate();
             rows.for_each(|(row, (limits, farthest))| {
-                background::learn(source.part(row, 0..width), &self.coding, beyond, limits, farthest);
+                background::learn(source.glance(row, 0..width), &self.coding, beyond, limits, farthest);
             });
         }
         if self.seen == self.background_frames {
@@ -59,7 +59,7 @@ impl Seeing<'_> {
                 return;
             };
             let kept = kept(&self.camera, row);
-            background::follow(source.part(row, 0..width), &self.coding, beyond, limits, farthest, strangers, &kept);
+            background::follow(source.glance(row, 0..width), &self.coding, beyond, limits, farthest, strangers, &kept);
         }
     }
 }

@@ -60,7 +60,9 @@ impl core::error::Error for SeeError {}
 pub(super) trait Source<S> {
     /// The samples of some columns of a row.
     fn part(&mut self, row: usize, columns: Range<usize>) -> &[S];
-    /// Asks memory for what [`Source::part`] reads and writes.
+    /// The same, of which nothing is kept: [`Source::samples`] may stay wrong there.
+    fn glance(&mut self, row: usize, columns: Range<usize>) -> &[S];
+    /// Asks memory for what [`Source::glance`] reads.
     fn fetch(&self, row: usize, columns: &Range<usize>);
     /// All samples; those that were not read by now may be wrong.
     fn samples(&self) -> &[S];
@@ -82,6 +84,11 @@ impl<S> Source<S> for Plain<'_, S> {
         self.samples.get(row * self.width + columns.start..row * self.width + columns.end).unwrap_or_default()
     }
 
+    #[inline]
+    fn glance(&mut self, row: usize, columns: Range<usize>) -> &[S] {
+        self.part(row, columns)
+    }
+
     fn samples(&self) -> &[S] {
         self.samples
     }
@@ -91,14 +98,30 @@ pub(super) struct Packed<'a> {
     pub bytes: &'a [u8],
     pub packing: Packing,
     pub samples: &'a mut [u16],
+    /// Room for what is only glanced at: it stays in the nearest cache.
+    pub glanced: [u16; WIDTH],
+}
+
+/// Bytes of some columns of a row.
+fn bytes<'b>(packed: &'b [u8], packing: Packing, row: usize, columns: &Range<usize>) -> &'b [u8] {
+    let (start, end) = (row * WIDTH + columns.start, row * WIDTH + columns.end);
+    packed.get(start / 8 * packing.bits()..end.div_ceil(8) * packing.bits()).unwrap_or_default()
 }
 
 impl Source<u16> for Packed<'_> {
     #[inline]
     fn fetch(&self, row: usize, columns: &Range<usize>) {
-        let (start, end) = (row * WIDTH + columns.start, row * WIDTH + columns.end);
-        fetch(self.bytes.get(start / 8 * self.packing.bits()..end.div_ceil(8) * self.packing.bits()).unwrap_or_default());
-        fetch(self.samples.get(start..end).unwrap_or_default());
+        fetch(bytes(self.bytes, self.packing, row, columns));
+    }
+
+    #[inline]
+    fn glance(&mut self, row: usize, columns: Range<usize>) -> &[u16] {
+        let Some(glanced) = self.glanced.get_mut(..columns.len()) else { return &[] };
+        match self.packing.unpack(bytes(self.bytes, self.packing, row, &columns), glanced) {
+            Ok(()) => glanced,
+            // Columns are whole groups.
+            Err(_) => &[],
+        }
     }
 
     #[inline]

@@ -185,9 +185,9 @@ impl<'b> Seeing<'b> {
             Image::F32(samples) => self.see_source(Plain { samples, width }, scope, detections),
             Image::Packed { packed, packing } => {
                 let mut samples = core::mem::replace(&mut self.buffers.samples, Slice::Borrowed(&mut []));
-                let whole = samples
-                    .get_mut(..WIDTH * HEIGHT)
-                    .is_none_or(|samples| self.see_source(Packed { bytes: packed, packing, samples }, scope, detections));
+                let whole = samples.get_mut(..WIDTH * HEIGHT).is_none_or(|samples| {
+                    self.see_source(Packed { bytes: packed, packing, samples, glanced: [0; WIDTH] }, scope, detections)
+                });
                 self.buffers.samples = samples;
                 whole
             }

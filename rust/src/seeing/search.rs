@@ -4,7 +4,7 @@ use super::image::Source;
 use super::{Area, Buffers, Seeing};
 use crate::detect::ball::{Found, View};
 use crate::detect::components::{CHUNK, Cluttered, Component, Marks, connect};
-use crate::detect::foreground::{Coding, Frame, Sample};
+use crate::detect::foreground::{Frame, Sample};
 use crate::geometry::camera::Camera;
 use crate::simd::{fetch, widest};
 use core::cell::Cell;
@@ -45,23 +45,27 @@ impl Seeing<'_> {
         Ok(false)
     }
 
-    /// Marks the foreground in every `stride`th row, and in all rows around those that show any.
+    /// Marks the foreground around every `stride`th row that shows any.
     pub(super) fn look_at<S: Sample>(&mut self, source: &mut impl Source<S>, area: &Area, stride: usize) {
         let Buffers { limits, marks, .. } = &mut self.buffers;
         let (width, coding) = (self.camera.width, &self.coding);
         let Area { rows, columns } = area;
         let Some(marks) = marks.get_mut(rows.clone()) else { return };
+        let limits_of = |row: usize| limits.get(row * width + columns.start..row * width + columns.end).unwrap_or_default();
         widest(
             #[inline(always)]
             || {
                 for (row, marks) in rows.clone().zip(&mut *marks) {
-                    // What lies so far apart, memory does not bring by itself.
-                    if stride > 1 && row % stride == 0 {
-                        let ahead = row + 2 * stride;
-                        source.fetch(ahead, columns);
-                        fetch(limits.get(ahead * width + columns.start..ahead * width + columns.end).unwrap_or_default());
+                    *marks = Marks::default();
+                    if row % stride == 0 {
+                        // What lies so far apart, memory does not bring by itself.
+                        if stride > 1 {
+                            source.fetch(row + 2 * stride, columns);
+                            fetch(limits_of(row + 2 * stride));
+                        }
+                        *marks = Marks::of(source.glance(row, columns.clone()), limits_of(row), columns.start, width, coding);
+                        marks.looked_at = false;
                     }
-                    *marks = if row % stride == 0 { mark(source, row, columns, limits, width, coding) } else { Marks::default() };
                 }
                 for seen in (0..marks.len()).filter(|i| (rows.start + i) % stride == 0) {
                     if marks.get(seen).is_none_or(|marks| marks.is_empty()) {
@@ -69,7 +73,8 @@ impl Seeing<'_> {
                     }
                     for (i, marks) in marks.iter_mut().enumerate().take(seen + AROUND + 1).skip(seen.saturating_sub(AROUND)) {
                         if !marks.looked_at {
-                            *marks = mark(source, rows.start + i, columns, limits, width, coding);
+                            let row = rows.start + i;
+                            *marks = Marks::of(source.part(row, columns.clone()), limits_of(row), columns.start, width, coding);
                         }
                     }
                 }
@@ -124,21 +129,6 @@ impl Seeing<'_> {
         }
         Ok(!frame.asked_beyond.get())
     }
-}
-
-/// Marks the foreground in some columns of a row.
-#[inline(always)]
-#[allow(clippy::inline_always)] // So that it is compiled for the registers of `widest`.
-fn mark<S: Sample>(
-    source: &mut impl Source<S>,
-    row: usize,
-    columns: &Range<usize>,
-    limits: &[u16],
-    width: usize,
-    coding: &Coding,
-) -> Marks {
-    let limits = limits.get(row * width + columns.start..row * width + columns.end).unwrap_or_default();
-    Marks::of(source.part(row, columns.clone()), limits, columns.start, width, coding)
 }
 
 /// The ball that a component is, if it can be one: the radius whose disc comes nearest in size.
