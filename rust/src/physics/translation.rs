@@ -2,7 +2,8 @@
 //!
 //! The paper takes the ball's first velocity and predicts from there. Here the path is one linear-Gaussian problem: the balls' states, where the
 //! camera stood before and after, and in each instant between a displacement of its own, which is integrated out. When the camera began to
-//! move and when it stopped are hypotheses, weighed by their evidence.
+//! move, when it stopped and how smoothly it went are hypotheses, weighed by their evidence. Smoothness tells most of when it stood, and so of how
+//! fast the ball is: what is no more than a millimetre in the first frame of a motion would else be taken for the ball's.
 //!
 //! What no flight tells is taken for granted: that the camera stands as the first flight begins (a constant velocity is the ball's as well).
 
@@ -28,6 +29,11 @@ const REACH: f64 = 0.3;
 const TREMOR: f64 = 1e-4;
 /// Of a ball's position at first, m.
 const ANYWHERE: f64 = 10.0;
+/// How far, as a part of the way, a hand strays in the middle of it from the motion with least jerk (Flash and Hogan, J. Neurosci. 5, 1985): one that
+/// is smooth, and one that is not so smooth. What else it does is bounded by [`ACCELERATION`] alone.
+const ROUGHNESSES: [f64; 2] = [0.05, 0.2];
+/// Smooth motions are tried with their ends up to so many halves of an instant from where any motion's are.
+const HALVES: usize = 4;
 /// Moments at which motion may begin or end that are tried at first; between the best ones all are.
 const MOMENTS: usize = 20;
 /// Log of the prior probability that the camera stands throughout; likewise that it moves, and that it moves and stops.
@@ -73,12 +79,29 @@ pub struct Translation {
     pub chi2: (f64, f64),
 }
 
-/// When the camera moved: it stood up to one instant, and again from the other one on.
+/// When the camera moved: it stood up to one moment, and again from the other one on; in halves of instants. And how: as any of [`ROUGHNESSES`], or
+/// anyhow.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Span {
-    from: usize,
-    to: usize,
+    from: u16,
+    to: u16,
+    smooth: Option<u8>,
 }
+
+impl Span {
+    /// Any motion between two instants.
+    fn any(from: usize, to: usize) -> Self {
+        Self { from: 2 * from as u16, to: 2 * to as u16, smooth: None }
+    }
+
+    fn roughness(self) -> Option<f64> {
+        ROUGHNESSES.get(usize::from(self.smooth?)).copied()
+    }
+}
+
+/// How many hypotheses are weighed at most.
+const SPANS: usize = 768;
+type Weighed = Vec<(Span, f64), SPANS>;
 
 /// Moves of a camera, seen by balls.
 pub struct Problem<'a> {
@@ -131,9 +154,8 @@ impl Problem<'_> {
     }
 
     fn solve_with<const N: usize>(&self) -> Option<Translation> {
-        let last = self.instants.len().checked_sub(1)?;
         let mut frame = Linear::<N>::new(self)?;
-        let mut weighed: Vec<(Span, f64), 512> = Vec::new();
+        let mut weighed = Weighed::new();
         let mut best = self.search(&frame, &mut weighed)?;
         // Drag bends by what the velocities are: once more about the best ones.
         let solution = frame.fit(self, best).solve()?;
@@ -141,6 +163,9 @@ impl Problem<'_> {
             weighed.clear();
             best = self.search(&frame, &mut weighed)?;
         }
+        frame.way = frame.fit(self, best).solve()?.mean.fixed_rows::<3>(Linear::<N>::AWAY).norm();
+        self.search_smooth(&frame, best, &mut weighed);
+        best = top(&weighed)?;
         let top = weighed.iter().map(|(_, log)| *log).fold(f64::NEG_INFINITY, f64::max);
         weighed.retain(|(_, log)| log - top > -12.0);
         let total: f64 = weighed.iter().map(|(_, log)| exp(log - top)).sum();
@@ -150,7 +175,7 @@ impl Problem<'_> {
         for (span, log) in &weighed {
             let weight = exp(log - top) / total;
             let solution = frame.fit(self, *span).solve()?;
-            still += if span.from >= last { weight } else { 0.0 };
+            still += if self.stands(*span) { weight } else { 0.0 };
             for (k, mixed) in path.iter_mut().enumerate() {
                 let here = frame.displacement(self, *span, k, &solution);
                 mixed.mean += here.mean * weight;
@@ -162,64 +187,85 @@ impl Problem<'_> {
         }
         let solution = frame.fit(self, best).solve()?;
         let balls = (N - 9) / 6;
-        let unknowns = 6.0 * balls as f64 + if best.from < last { 3.0 } else { 0.0 };
+        let unknowns = 6.0 * balls as f64 + if self.stands(best) { 0.0 } else { 3.0 };
         let dof = 3.0 * self.glimpses.len() as f64 - unknowns;
         Some(Translation { path, still, chi2: (solution.chi2, dof) })
     }
 
-    /// Weighs when the camera may have moved, coarsely and then finely; the best.
-    fn search<const N: usize>(&self, frame: &Linear<N>, weighed: &mut Vec<(Span, f64), 512>) -> Option<Span> {
+    /// Weighs a hypothesis that was not weighed before.
+    fn weigh<const N: usize>(&self, frame: &Linear<N>, span: Span, weighed: &mut Weighed) {
+        if weighed.iter().all(|(tried, _)| *tried != span)
+            && let Some(solution) = frame.fit(self, span).solve()
+        {
+            let _ = weighed.push((span, solution.log_evidence + self.log_prior(span)));
+        }
+    }
+
+    /// Weighs when the camera may have moved anyhow, coarsely and then finely; the best.
+    fn search<const N: usize>(&self, frame: &Linear<N>, weighed: &mut Weighed) -> Option<Span> {
         let last = self.instants.len().checked_sub(1)?;
         let step = self.instants.len().div_ceil(MOMENTS);
-        let try_span = |span: Span, weighed: &mut Vec<(Span, f64), 512>| {
-            if weighed.iter().all(|(tried, _)| *tried != span)
-                && let Some(solution) = frame.fit(self, span).solve()
-            {
-                let _ = weighed.push((span, solution.log_evidence + self.log_prior(span)));
-            }
-        };
-        let stands = Span { from: last, to: last };
-        try_span(stands, weighed);
+        self.weigh(frame, Span::any(last, last), weighed);
         for from in (0..last).step_by(step) {
-            try_span(Span { from, to: last + 1 }, weighed);
-            (from + 2..=last).step_by(step).for_each(|to| try_span(Span { from, to }, weighed));
+            self.weigh(frame, Span::any(from, last + 1), weighed);
+            (from + 2..=last).step_by(step).for_each(|to| self.weigh(frame, Span::any(from, to), weighed));
         }
-        let top = |weighed: &[(Span, f64)]| weighed.iter().max_by(|a, b| a.1.total_cmp(&b.1)).map(|(span, _)| *span);
         let coarse = top(weighed)?;
-        if coarse.from < last && step > 1 {
-            for from in coarse.from.saturating_sub(step)..(coarse.from + step).min(last) {
+        if !self.stands(coarse) && step > 1 {
+            let [coarse_from, coarse_to] = [coarse.from, coarse.to].map(|moment| usize::from(moment / 2));
+            for from in coarse_from.saturating_sub(step)..(coarse_from + step).min(last) {
                 let ends =
-                    if coarse.to > last { last + 1..last + 2 } else { coarse.to.saturating_sub(step)..(coarse.to + step).min(last + 1) };
-                ends.filter(|to| *to >= from + 2).for_each(|to| try_span(Span { from, to }, weighed));
+                    if coarse_to > last { last + 1..last + 2 } else { coarse_to.saturating_sub(step)..(coarse_to + step).min(last + 1) };
+                ends.filter(|to| *to >= from + 2).for_each(|to| self.weigh(frame, Span::any(from, to), weighed));
             }
         }
         top(weighed)
     }
 
-    /// The camera stands, or it moves from any instant on, for good or up to any later one.
+    /// Weighs smooth motions that begin and end about when `any` does; none where that has no end.
+    fn search_smooth<const N: usize>(&self, frame: &Linear<N>, any: Span, weighed: &mut Weighed) {
+        let end = 2 * self.instants.len().saturating_sub(1);
+        let [from, to] = [any.from, any.to].map(usize::from);
+        if self.stands(any) || to > end {
+            return;
+        }
+        for from in from.saturating_sub(HALVES)..=from + HALVES {
+            for to in to.saturating_sub(HALVES).max(from + 4)..=(to + HALVES).min(end) {
+                for smooth in 0..ROUGHNESSES.len() {
+                    self.weigh(frame, Span { from: from as u16, to: to as u16, smooth: Some(smooth as u8) }, weighed);
+                }
+            }
+        }
+    }
+
+    /// Whether the camera does not move.
+    fn stands(&self, span: Span) -> bool {
+        usize::from(span.from) + 2 >= 2 * self.instants.len()
+    }
+
+    /// The camera stands, or it moves from any instant on, for good or up to any later one; as likely smoothly as anyhow, and then up to any half.
     fn log_prior(&self, span: Span) -> f64 {
-        let (count, last) = (self.instants.len() as f64, self.instants.len() - 1);
-        let part = match () {
-            () if span.from >= last => STANDS,
-            () if span.to > last => 0.5 * (1.0 - STANDS) / count,
-            () => (1.0 - STANDS) / (count * count),
+        let (count, moves) = (self.instants.len() as f64, 1.0 - STANDS);
+        let part = match span.smooth {
+            _ if self.stands(span) => STANDS,
+            _ if usize::from(span.to) + 2 > 2 * self.instants.len() => 0.5 * moves / count,
+            None => 0.5 * moves / (count * count),
+            Some(_) => 0.5 * moves / (ROUGHNESSES.len() as f64 * 4.0 * count * count),
         };
         crate::math::log(part)
     }
 
-    /// Standard deviation of the displacement at an instant about where the camera stood, and whether that is where it stops.
-    fn freedom(&self, span: Span, k: usize) -> (f64, bool) {
+    /// A moment, s.
+    fn moment(&self, halves: u16) -> f64 {
         let time = |i: usize| self.instants.get(i).map_or(f64::INFINITY, |instant| instant.t);
-        if k <= span.from {
-            return (TREMOR, false);
-        }
-        if k >= span.to {
-            return (TREMOR, true);
-        }
-        let (gone, left) = (time(k) - time(span.from), time(span.to) - time(k));
-        let reach = |dt: f64| (0.5 * ACCELERATION * dt * dt).clamp(TREMOR, REACH);
-        (reach(gone.min(left)), left < gone)
+        let (before, after) = (usize::from(halves / 2), usize::from(halves.div_ceil(2)));
+        0.5 * (time(before) + time(after))
     }
+}
+
+/// The best.
+fn top(weighed: &[(Span, f64)]) -> Option<Span> {
+    weighed.iter().max_by(|a, b| a.1.total_cmp(&b.1)).map(|(span, _)| *span)
 }
 
 /// The problem about a first guess. Unknowns: for each ball position and velocity (less the guess, at the ball's first glimpse), then where the camera
@@ -229,6 +275,8 @@ struct Linear<const N: usize> {
     flights: Vec<Flight, BALLS>,
     /// Measured less guessed, one for each glimpse.
     residuals: Vec<Vec3, { INSTANTS * BALLS }>,
+    /// How far the camera goes, m, as a search for any motion had it.
+    way: f64,
 }
 
 impl<const N: usize> Linear<N> {
@@ -247,7 +295,7 @@ impl<const N: usize> Linear<N> {
             flight.state = flight.state.at(samples.first()?.t, problem.law, &flight.gravity);
             let _ = flights.push(flight);
         }
-        let mut linear = Self { flights, residuals: Vec::new() };
+        let mut linear = Self { flights, residuals: Vec::new(), way: REACH };
         linear.compare(problem);
         Some(linear)
     }
@@ -275,16 +323,31 @@ impl<const N: usize> Linear<N> {
         farthest > 1e-3
     }
 
-    /// What one glimpse sees of the unknowns when the camera is where it stands: before the span, or `away`.
-    fn design(&self, glimpse: &Glimpse, away: bool) -> SMatrix<f64, 3, N> {
+    /// Where the camera is thought to be at an instant, as a part of the way that it goes, and the standard deviation of its displacement about that, m.
+    fn freedom(&self, problem: &Problem, span: Span, k: usize) -> (f64, f64) {
+        let t = problem.instants.get(k).map_or(f64::INFINITY, |instant| instant.t);
+        let [from, to] = [span.from, span.to].map(|moment| problem.moment(moment));
+        if t <= from || problem.stands(span) {
+            return (0.0, TREMOR);
+        }
+        if t >= to {
+            return (1.0, TREMOR);
+        }
+        if let Some(roughness) = span.roughness() {
+            let s = (t - from) / (to - from);
+            let bump = 4.0 * s * (1.0 - s);
+            return (s * s * s * (10.0 - 15.0 * s + 6.0 * s * s), (roughness * self.way * bump * bump * bump).max(TREMOR));
+        }
+        let (gone, left) = (t - from, to - t);
+        let reach = |dt: f64| (0.5 * ACCELERATION * dt * dt).clamp(TREMOR, REACH);
+        (if left < gone { 1.0 } else { 0.0 }, reach(gone.min(left)))
+    }
+
+    /// What one glimpse sees of the unknowns when the camera has gone this `part` of its way.
+    fn design(&self, glimpse: &Glimpse, part: f64) -> SMatrix<f64, 3, N> {
         let s = self.flights.get(glimpse.ball).map_or(0.0, |flight| glimpse.sample.t - flight.state.t);
-        let blocks = [
-            (6 * glimpse.ball, 1.0),
-            (6 * glimpse.ball + 3, s),
-            (Self::ANCHOR, -1.0),
-            (Self::AWAY, if away { -1.0 } else { 0.0 }),
-            (Self::GRAVITY, 0.5 * s * s),
-        ];
+        let blocks =
+            [(6 * glimpse.ball, 1.0), (6 * glimpse.ball + 3, s), (Self::ANCHOR, -1.0), (Self::AWAY, -part), (Self::GRAVITY, 0.5 * s * s)];
         let mut design = SMatrix::zeros();
         for (first, coefficient) in blocks {
             for axis in 0..3 {
@@ -294,12 +357,12 @@ impl<const N: usize> Linear<N> {
         design
     }
 
-    /// Where the camera stands: before the span, or `away`.
-    fn standing(away: bool) -> SMatrix<f64, 3, N> {
+    /// Where the camera is when it has gone this `part` of its way.
+    fn standing(part: f64) -> SMatrix<f64, 3, N> {
         let mut design = SMatrix::zeros();
         for axis in 0..3 {
             design[(axis, Self::ANCHOR + axis)] = 1.0;
-            design[(axis, Self::AWAY + axis)] = if away { 1.0 } else { 0.0 };
+            design[(axis, Self::AWAY + axis)] = part;
         }
         design
     }
@@ -328,12 +391,12 @@ impl<const N: usize> Linear<N> {
         }
         let mut glimpses = problem.glimpses.iter().zip(&self.residuals).peekable();
         for (k, instant) in problem.instants.iter().enumerate() {
-            let (sd, away) = problem.freedom(span, k);
+            let (part, sd) = self.freedom(problem, span, k);
             let prior = known(sd);
             let (mut information, mut cross, mut vector) = (prior, SMatrix::<f64, 3, N>::zeros(), Vec3::zeros());
             fit.normalise(&prior);
             while let Some((glimpse, residual)) = glimpses.next_if(|(glimpse, _)| glimpse.instant <= k) {
-                let (design, weight) = (self.design(glimpse, away), &glimpse.sample.weight);
+                let (design, weight) = (self.design(glimpse, part), &glimpse.sample.weight);
                 fit.observe_design(&design, residual, weight);
                 information += weight;
                 cross -= weight * design;
@@ -341,7 +404,7 @@ impl<const N: usize> Linear<N> {
             }
             let (shown, seen) = &instant.structure;
             if *seen != Mat3::zeros() {
-                let standing = Self::standing(away);
+                let standing = Self::standing(part);
                 fit.observe_design(&standing, shown, seen);
                 information += seen;
                 cross += seen * standing;
@@ -354,8 +417,8 @@ impl<const N: usize> Linear<N> {
 
     /// The camera's displacement at instant `k`, by what the balls' and the camera's `solution` is under `span`.
     fn displacement(&self, problem: &Problem, span: Span, k: usize, solution: &Solution<N>) -> Displacement {
-        let (sd, away) = problem.freedom(span, k);
-        let standing = Self::standing(away);
+        let (part, sd) = self.freedom(problem, span, k);
+        let standing = Self::standing(part);
         // Less where it would stand: (prior + Σ weights) · rest = Σ weight · (predicted − measured) …
         let mut information = Mat3::from_diagonal_element(1.0 / (sd * sd));
         let (mut cross, mut vector) = (SMatrix::<f64, 3, N>::zeros(), Vec3::zeros());
@@ -363,7 +426,7 @@ impl<const N: usize> Linear<N> {
         for (glimpse, residual) in here {
             let weight = &glimpse.sample.weight;
             information += weight;
-            cross -= weight * self.design(glimpse, away);
+            cross -= weight * self.design(glimpse, part);
             vector -= weight * residual;
         }
         if let Some(Instant { structure: (shown, seen), .. }) = problem.instants.get(k) {
@@ -384,16 +447,17 @@ impl<const N: usize> Linear<N> {
 mod tests {
     use super::*;
     use crate::physics::law::{FreeFallWithDrag, State};
+    use std::println;
 
     const G: Vec3 = Vec3::new(0.0, 0.0, -9.81);
     const LAW: FreeFallWithDrag = FreeFallWithDrag { drag: 0.019 };
     const SD: f64 = 1e-3;
 
-    /// Minimum jerk from 0 to 1 over `from..to`.
-    fn moved(t: f64, from: f64, to: f64) -> f64 {
-        let s = ((t - from) / (to - from)).clamp(0.0, 1.0);
-        s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
-    }
+    /// Part of the way by part of the time.
+    type Shape = fn(f64) -> f64;
+    const LEAST_JERK: Shape = |s| s * s * s * (10.0 - 15.0 * s + 6.0 * s * s);
+    const LEAST_ACCELERATION: Shape = |s| s * s * (3.0 - 2.0 * s);
+    const EVEN: Shape = |s| s;
 
     /// Numbers like independent normal ones.
     fn noise(seed: &mut u64) -> f64 {
@@ -407,8 +471,9 @@ mod tests {
     }
 
     /// 25 frames of balls before a camera that goes `travel` in mid-flight; the path found, and the true one.
-    fn solve(balls: usize, travel: Vec3, gravity: &Gravity, seed: &mut u64) -> (Translation, std::vec::Vec<Vec3>) {
-        let truth: std::vec::Vec<Vec3> = (0..25).map(|k| travel * moved(f64::from(k) / 30.0, 0.24, 0.58)).collect();
+    fn solve(balls: usize, travel: Vec3, shape: Shape, gravity: &Gravity, seed: &mut u64) -> (Translation, std::vec::Vec<Vec3>) {
+        let part = |t: f64| shape(((t - 0.24) / 0.34).clamp(0.0, 1.0));
+        let truth: std::vec::Vec<Vec3> = (0..25).map(|k| travel * part(f64::from(k) / 30.0)).collect();
         let instants: std::vec::Vec<Instant> =
             (0..25).map(|k| Instant { t: f64::from(k) / 30.0, structure: (Vec3::zeros(), Mat3::zeros()) }).collect();
         let starts = [Vec3::new(0.8, 0.2, 3.6), Vec3::new(-0.5, 0.1, 3.2), Vec3::new(0.1, -0.4, 3.9), Vec3::new(0.0, 0.3, 3.4)];
@@ -429,29 +494,33 @@ mod tests {
 
     #[test]
     fn a_camera_that_moves_in_mid_flight_is_followed_and_its_covariance_is_honest() {
-        let (mut squares, mut nees, mut count, mut seed) = (0.0, 0.0, 0.0, 3);
-        for run in 0..20 {
-            let angle = f64::from(run);
-            let travel = Vec3::new(angle.cos(), 0.3 * angle.sin(), 0.4 * angle.sin()).normalize() * 0.155;
-            let (found, truth) = solve(1, travel, &Gravity::known(G), &mut seed);
-            assert!(found.still < 1e-6 && found.chi2.0 < 2.0 * found.chi2.1, "{:?}", found.chi2);
-            for (found, truth) in found.path.iter().zip(&truth) {
-                let error = found.mean - truth;
-                squares += error.norm_squared();
-                // One that surely stands is known to be there: what is left of its covariance is a tenth of a millimetre.
-                nees += error.dot(&((found.covariance + Mat3::identity() * 1e-8).try_inverse().unwrap() * error)) / 3.0;
-                count += 1.0;
+        // In space a single glimpse is off by 1.7 mm. A motion that starts with a jerk is followed no worse than if nothing was thought of it.
+        for (shape, most) in [(LEAST_JERK, 2.3), (LEAST_ACCELERATION, 2.3), (EVEN, 3.0)] {
+            let (mut squares, mut nees, mut count, mut seed) = (0.0, 0.0, 0.0, 3);
+            for run in 0..20 {
+                let angle = f64::from(run);
+                let travel = Vec3::new(angle.cos(), 0.3 * angle.sin(), 0.4 * angle.sin()).normalize() * 0.155;
+                let (found, truth) = solve(1, travel, shape, &Gravity::known(G), &mut seed);
+                assert!(found.still < 1e-6 && found.chi2.0 < 2.0 * found.chi2.1, "{:?}", found.chi2);
+                for (found, truth) in found.path.iter().zip(&truth) {
+                    let error = found.mean - truth;
+                    squares += error.norm_squared();
+                    // One that surely stands is known to be there: what is left of its covariance is a tenth of a millimetre.
+                    nees += error.dot(&((found.covariance + Mat3::identity() * 1e-8).try_inverse().unwrap() * error)) / 3.0;
+                    count += 1.0;
+                }
             }
+            let (rms, nees) = (crate::math::sqrt(squares / count), nees / count);
+            println!("{:.2} mm, NEES {nees:.2}", 1e3 * rms);
+            assert!(rms < most * SD, "{rms}");
+            // How a path strays from the smoothest is thought to be new in each instant: that is on the safe side.
+            assert!((0.4..1.6).contains(&nees), "{nees}");
         }
-        let (rms, nees) = (crate::math::sqrt(squares / count), nees / count);
-        // In space a single glimpse is off by 1.7 mm.
-        assert!(rms < 3.0 * SD, "{rms}");
-        assert!((0.5..1.6).contains(&nees), "{nees}");
     }
 
     #[test]
     fn one_that_stands_is_known_to() {
-        let (found, _) = solve(1, Vec3::zeros(), &Gravity::known(G), &mut 5);
+        let (found, _) = solve(1, Vec3::zeros(), LEAST_JERK, &Gravity::known(G), &mut 5);
         assert!(found.still > 0.9 && found.path.iter().all(|d| d.mean.norm() < 1e-3), "{}", found.still);
     }
 
@@ -461,7 +530,7 @@ mod tests {
         let rms = |balls| {
             let mut seed = 9;
             let squares = (0..10).map(|_| {
-                let (found, truth) = solve(balls, travel, &Gravity::known(G), &mut seed);
+                let (found, truth) = solve(balls, travel, LEAST_JERK, &Gravity::known(G), &mut seed);
                 found.path.iter().zip(&truth).map(|(d, t)| (d.mean - t).norm_squared()).sum::<f64>() / 25.0
             });
             crate::math::sqrt(squares.sum::<f64>() / 10.0)
@@ -473,7 +542,7 @@ mod tests {
     #[test]
     fn what_structure_shows_is_believed() {
         let mut seed = 1;
-        let (loose, truth) = solve(1, Vec3::new(0.155, 0.0, 0.0), &Gravity::known(G), &mut seed);
+        let (loose, truth) = solve(1, Vec3::new(0.155, 0.0, 0.0), LEAST_JERK, &Gravity::known(G), &mut seed);
         let wall = Mat3::from_diagonal(&Vec3::new(1e8, 0.0, 0.0));
         let instants: std::vec::Vec<Instant> =
             truth.iter().enumerate().map(|(k, d)| Instant { t: k as f64 / 30.0, structure: (*d, wall) }).collect();
