@@ -1,9 +1,8 @@
 //! A live Kinect that isn't there: the driver through real libusb, before `virtual-kinect` (rust/virtual), which `VIRTUAL_KINECT` names.
 //! Each test runs its other half, an ignored test of its own, under it.
-#![allow(unsafe_code)] // An allocator that counts is the only way to see allocations.
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
+mod counting;
+
 use std::process::Command;
 use std::time::Duration;
 
@@ -14,29 +13,6 @@ use physinc::sim::{Packets, Scene};
 use physinc::source::usb::{DeviceError, Live, Problem};
 use physinc::source::{Input, Source, SourceError};
 use physinc::stream::assembler::Assembler;
-
-thread_local! {
-    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
-}
-
-struct Counting;
-
-// SAFETY: every call is handed on to the system's allocator unchanged; the counter is a plain number that needs no allocation.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        // SAFETY: as the caller promised.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: as the caller promised.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
 
 /// Runs the ignored test `name` of this file under a virtual Kinect, if there is one.
 fn before(device: &[&str], name: &str) {
@@ -68,10 +44,10 @@ fn watch(live: &mut Live, frames: u64, mut sink: impl FnMut(i64, &[u16])) {
             stamp_ns = Some(frame.timestamp_ns);
         });
         if let Some(stamp_ns) = stamp_ns {
-            let before = ALLOCATIONS.get();
+            let before = counting::so_far();
             assert!(warm.is_none_or(|warm| warm == before), "{} allocations", before - warm.unwrap_or(0));
             sink(stamp_ns, &samples);
-            warm = (assembler.counters().frames > 5).then(|| ALLOCATIONS.get());
+            warm = (assembler.counters().frames > 5).then(|| counting::so_far());
         }
     }
     let counters = assembler.counters();
