@@ -3,6 +3,7 @@
 mod background;
 mod buffers;
 mod image;
+mod planes;
 mod search;
 mod shapes;
 mod structure;

@@ -1,24 +1,15 @@
 //! What an object can touch of a learned background, surveyed over some frames: planes, and what else stands there.
-//!
-//! Planes grow from blocks of cells. As in [`super::structure`] they are looked for where noise is even, in inverse depth: 1/z = w · ray.
 
 use super::Seeing;
 use super::image::Source;
+use super::planes::{Sums, cells, find, middle, unclaimed};
 use super::structure::{GATE, noise};
 use crate::detect::foreground::{Sample, first_key_beyond};
 use crate::detect::noise::Noise;
 use crate::geometry::camera::Camera;
-use crate::geometry::environment::{Cell, Plane, Relief};
-use crate::math::{Mat3, Vec3};
+use crate::geometry::environment::{Cell, Relief};
+use crate::math::Vec3;
 
-/// Columns and rows of the blocks from which planes grow: first the large ones, then what is left.
-const BLOCKS: [usize; 2] = [12, 4];
-/// Blocks that may grow in one frame.
-const A_FRAME: u32 = 6;
-/// Times that a plane grows.
-const GROWTHS: u32 = 5;
-/// A plane is seen by this part of all cells, at least.
-const SMALLEST: f64 = 0.008;
 /// So many of a cell's eight neighbours show its plane, or it is something else that happens to meet the plane; where a cell shows nothing, so many
 /// make it a part of theirs.
 const NEIGHBOURS: (usize, usize) = (3, 5);
@@ -26,8 +17,6 @@ const NEIGHBOURS: (usize, usize) = (3, 5);
 const BEFORE: u32 = 3;
 /// Pixels that are looked at: every so manyth column and row.
 const STRIDE: usize = 2;
-/// While planes are looked for, other cells hold the inverse depth in their middle, in this unit, 1/m.
-const UNIT: f64 = 1.0 / 16384.0;
 
 /// How far the survey is.
 #[allow(clippy::large_enum_variant)] // No heap to put the larger ones on.
@@ -40,32 +29,6 @@ pub(super) enum Survey {
     Done(Relief),
     /// It was handed out, or there is none.
     Over,
-}
-
-/// Sums for the least squares of a plane.
-#[derive(Clone, Copy, Default)]
-struct Sums {
-    normal: Mat3,
-    right: Vec3,
-    squares: f64,
-    count: f64,
-}
-
-impl Sums {
-    fn add(&mut self, ray: &Vec3, q: f64) {
-        self.normal += ray * ray.transpose();
-        self.right += ray * q;
-        self.squares += q * q;
-        self.count += 1.0;
-    }
-
-    /// The plane, where so many readings are worth one.
-    fn plane(&self, correlated: f64) -> Option<Plane> {
-        let inverse = self.normal.try_inverse().filter(|_| self.count > 3.0)?;
-        let w = inverse * self.right;
-        let variance = (self.squares - w.dot(&self.right)).max(0.0) / (self.count - 3.0);
-        Some(Plane { w, covariance: inverse * (variance * correlated) })
-    }
 }
 
 impl Seeing<'_> {
@@ -85,19 +48,17 @@ impl Seeing<'_> {
         if matches!(self.survey, Survey::Done(_) | Survey::Over) {
             return;
         }
-        self.survey = match core::mem::replace(&mut self.survey, Survey::Over) {
-            Survey::Begun(mut relief, block) => match find(&mut relief, &self.camera, block) {
-                Some(next) => Survey::Begun(relief, next),
-                None => {
-                    self.complete(source, &mut relief);
-                    Survey::Done(relief)
-                }
-            },
-            _ => {
-                let mut relief = Relief::new(&self.camera);
-                self.sound(source, &mut relief, |relief, (column, row), _, q| relief.show(column, row, Cell::Thing((q / UNIT) as u16)));
-                Survey::Begun(relief, 0)
-            }
+        let Survey::Begun(mut relief, block) = core::mem::replace(&mut self.survey, Survey::Over) else {
+            let mut relief = Relief::new(&self.camera);
+            self.sound(source, &mut relief, |relief, (column, row), _, q| relief.show(column, row, unclaimed(q)));
+            self.survey = Survey::Begun(relief, 0);
+            return;
+        };
+        self.survey = if let Some(next) = find(&mut relief, &self.camera, block) {
+            Survey::Begun(relief, next)
+        } else {
+            self.complete(source, &mut relief);
+            Survey::Done(relief)
         };
     }
 
@@ -111,7 +72,9 @@ impl Seeing<'_> {
         let Camera { width, max_depth, .. } = self.camera;
         for (column, row) in cells(relief) {
             let (x, y) = middle(relief, column, row);
-            let (Some(limit), Some(shown)) = (self.buffers.limits.get(y * width + x), self.buffers.farthest.get(y * width + x)) else { continue };
+            let (Some(limit), Some(shown)) = (self.buffers.limits.get(y * width + x), self.buffers.farthest.get(y * width + x)) else {
+                continue;
+            };
             // What was learned is one of the farthest readings; this frame's errs to either side.
             let now = source.part(y, x / 8 * 8..(x / 8 * 8 + 8).min(width)).get(x % 8).filter(|sample| sample.key(&self.coding) >= *limit);
             let now = now.map(|sample| sample.depth(&self.coding, &self.buffers.depths)).filter(|z| *z > 0.0 && *z <= max_depth);
@@ -194,105 +157,8 @@ impl Seeing<'_> {
     }
 }
 
-/// Looks for planes from this block on; returns the block to go on with, if any is left.
-fn find(relief: &mut Relief, camera: &Camera, mut block: usize) -> Option<usize> {
-    let mut grown = 0;
-    while grown < A_FRAME {
-        let (first, size) = place(relief, block).filter(|_| relief.planes().len() < Relief::PLANES)?;
-        block += 1;
-        let view = View::new(relief, camera);
-        let Some(mut w) = view.seed(first, size) else { continue };
-        grown += 1;
-        for _ in 0..GROWTHS {
-            w = view.fit(&w, cells(relief)).map_or(w, |(plane, _)| plane.w);
-        }
-        // What only meets a plane does so along a line.
-        let fits = |(column, row): &(usize, usize)| view.fits(&w, *column, *row);
-        let broad = cells(relief).filter(|(column, row)| [(*column, *row), (column + 1, *row), (*column, row + 1)].iter().all(fits)).count();
-        if broad as f64 > SMALLEST * cells(relief).count() as f64 {
-            let number = relief.planes().len() as u8;
-            for (column, row) in cells(relief) {
-                if View::new(relief, camera).fits(&w, column, row) {
-                    relief.show(column, row, Cell::Plane(number));
-                }
-            }
-            // There is room: the line at the top saw to it.
-            let _ = relief.planes_mut().push(Plane { w, covariance: Mat3::zeros() });
-        }
-    }
-    Some(block)
-}
-
-/// Columns and rows of all cells.
-fn cells(relief: &Relief) -> impl Iterator<Item = (usize, usize)> + use<> {
-    let (columns, rows) = (relief.columns(), relief.rows());
-    (0..rows).flat_map(move |row| (0..columns).map(move |column| (column, row)))
-}
-
-/// Column and row (px) in the middle of a cell.
-fn middle(relief: &Relief, column: usize, row: usize) -> (usize, usize) {
-    let edge = relief.edge();
-    (column * edge + edge / 2, row * edge + edge / 2)
-}
-
 /// How many of a cell's eight neighbours show the plane of a number.
 fn neighbours(relief: &Relief, (column, row): (usize, usize), number: u8) -> usize {
     let around = (row.saturating_sub(1)..=row + 1).flat_map(|row| (column.saturating_sub(1)..=column + 1).map(move |column| (column, row)));
     around.filter(|place| *place != (column, row) && relief.cell(place.0, place.1) == Some(Cell::Plane(number))).count()
-}
-
-/// First cell and size of a block: they overlap by half.
-fn place(relief: &Relief, mut block: usize) -> Option<((usize, usize), usize)> {
-    for size in BLOCKS {
-        let [across, down] = [relief.columns(), relief.rows()].map(|cells| (2 * cells / size).saturating_sub(1));
-        if block < across * down {
-            return Some(((block % across * (size / 2), block / across * (size / 2)), size));
-        }
-        block -= across * down;
-    }
-    None
-}
-
-/// Cells while planes are looked for.
-struct View<'a> {
-    relief: &'a Relief,
-    /// Ray of the first cell, and from one to the next.
-    first: Vec3,
-    step: [f64; 2],
-}
-
-impl<'a> View<'a> {
-    fn new(relief: &'a Relief, camera: &Camera) -> Self {
-        let (edge, (x, y)) = (relief.edge() as f64, middle(relief, 0, 0));
-        Self { relief, first: camera.deproject(x as f64, y as f64, 1.0), step: [edge / camera.fx, edge / camera.fy] }
-    }
-
-    /// Ray and inverse depth of a cell that no plane has taken yet.
-    fn reading(&self, column: usize, row: usize) -> Option<(Vec3, f64)> {
-        let Some(Cell::Thing(q)) = self.relief.cell(column, row) else { return None };
-        let ray = self.first + Vec3::new(column as f64 * self.step[0], row as f64 * self.step[1], 0.0);
-        Some((ray, f64::from(q) * UNIT))
-    }
-
-    fn fits(&self, w: &Vec3, column: usize, row: usize) -> bool {
-        self.reading(column, row).is_some_and(|(ray, q)| (q - w.dot(&ray)).abs() < GATE * noise(q))
-    }
-
-    /// The plane through those of `cells` that fit `w`, and how many they are.
-    fn fit(&self, w: &Vec3, cells: impl Iterator<Item = (usize, usize)>) -> Option<(Plane, f64)> {
-        let mut sums = Sums::default();
-        let readings = cells.filter_map(|(column, row)| self.reading(column, row));
-        readings.filter(|(ray, q)| (q - w.dot(ray)).abs() < GATE * noise(*q)).for_each(|(ray, q)| sums.add(&ray, q));
-        Some((sums.plane(1.0)?, sums.count))
-    }
-
-    /// The plane of a block that is flat.
-    fn seed(&self, (column, row): (usize, usize), size: usize) -> Option<Vec3> {
-        let block = || (row..row + size).flat_map(|row| (column..column + size).map(move |column| (column, row)));
-        let least = (size * size * 7 / 8) as f64;
-        let mut sums = Sums::default();
-        block().filter_map(|(column, row)| self.reading(column, row)).for_each(|(ray, q)| sums.add(&ray, q));
-        let Plane { w, .. } = sums.plane(1.0).filter(|_| sums.count >= least)?;
-        self.fit(&w, block()).filter(|(_, count)| *count >= least).map(|(plane, _)| plane.w)
-    }
 }

@@ -138,8 +138,8 @@ impl<'a> Circumstances<'a> {
         let (first, last) = (samples.first()?, samples.last()?);
         let up = -self.around.gravity.mean.try_normalize(1e-9)?;
         let known = self.support(&last.position, &up).filter(|_| self.support(&first.position, &up).is_some());
-        let nowhere = self.is_closed(&last.position) && (known.is_some() || self.law != LawName::ConstantVelocity || (self.nearest)(&last.position).is_some());
-        if known.is_none() && nowhere {
+        let somewhere = self.law == LawName::ConstantVelocity && (self.nearest)(&last.position).is_none();
+        if known.is_none() && !somewhere && self.is_closed(&last.position) {
             return None;
         }
         let normal = known.unwrap_or(up);

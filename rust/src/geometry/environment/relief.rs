@@ -48,6 +48,7 @@ pub struct Relief {
     /// Columns and rows of pixels a cell.
     edge: usize,
     columns: usize,
+    rows: usize,
     cells: Vec<Cell, { MOST[0] * MOST[1] }>,
     planes: Vec<Plane, { Relief::PLANES }>,
 }
@@ -56,12 +57,12 @@ impl Relief {
     /// Planes at the most.
     pub const PLANES: usize = 12;
 
-    /// Of a camera with an image that is not empty, which has seen nothing yet.
+    /// Of a camera that has seen nothing yet.
     pub fn new(camera: &Camera) -> Self {
         let edge = camera.width.div_ceil(MOST[0]).max(camera.height.div_ceil(MOST[1])).max(1);
-        let columns = camera.width / edge;
-        let cells = (0..columns * (camera.height / edge)).map(|_| Cell::Nothing).collect();
-        Self { camera: *camera, pose: camera.world(), edge, columns, cells, planes: Vec::new() }
+        let (columns, rows) = (camera.width / edge, camera.height / edge);
+        let cells = (0..columns * rows).map(|_| Cell::Nothing).collect();
+        Self { camera: *camera, pose: camera.world(), edge, columns, rows, cells, planes: Vec::new() }
     }
 
     /// Columns and rows of pixels a cell.
@@ -86,7 +87,7 @@ impl Relief {
 
     /// Rows of cells.
     pub fn rows(&self) -> usize {
-        self.cells.len() / self.columns
+        self.rows
     }
 
     /// The cell in a column and row of cells.
@@ -151,17 +152,17 @@ impl Relief {
         };
         let columns = span(x, self.camera.fx, self.columns);
         let mut space = Space::Free;
-        for row in span(y, self.camera.fy, self.rows()) {
-            for cell in self.cells.get(row * self.columns + columns.start..row * self.columns + columns.end).unwrap_or_default() {
-                match cell {
-                    Cell::Thing(nearest) if f64::from(*nearest) * 1e-3 < p.z + reach => return Space::Thing,
-                    Cell::Thing(_) => {}
-                    Cell::Plane(number) => {
-                        let behind = self.planes.get(usize::from(*number)).is_some_and(|plane| plane.above(&p).1 < -reach);
-                        space = if behind { Space::Unseen } else { space };
-                    }
-                    Cell::Nothing => space = Space::Unseen,
+        for (column, row) in span(y, self.camera.fy, self.rows).flat_map(|row| columns.clone().map(move |column| (column, row))) {
+            match self.cell(column, row) {
+                Some(Cell::Thing(nearest)) if f64::from(nearest) * 1e-3 < p.z + reach => return Space::Thing,
+                Some(Cell::Thing(_)) => {}
+                Some(Cell::Plane(number)) => {
+                    let middle = |cell: usize| (cell as f64 + 0.5) * self.edge as f64 - 0.5;
+                    let ray = self.camera.deproject(middle(column), middle(row), p.z - reach);
+                    let hidden = self.planes.get(usize::from(number)).is_some_and(|plane| plane.w.dot(&ray) > 1.0);
+                    space = if hidden { Space::Unseen } else { space };
                 }
+                Some(Cell::Nothing) | None => space = Space::Unseen,
             }
         }
         space

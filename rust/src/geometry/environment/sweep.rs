@@ -50,9 +50,10 @@ impl Environment {
             let (distance, normal) = surface.distance(p);
             (distance, normal, id as u32)
         });
-        let seen = self.relief.iter().flat_map(|relief| {
-            relief.near(p).map(|(number, distance, normal)| (distance, normal, (self.surfaces.len() + number) as u32))
-        });
+        let seen = self
+            .relief
+            .iter()
+            .flat_map(|relief| relief.near(p).map(|(number, distance, normal)| (distance, normal, (self.surfaces.len() + number) as u32)));
         surfaces.chain(seen).min_by(|a, b| a.0.total_cmp(&b.0))
     }
 
