@@ -201,7 +201,7 @@ fn across(seeds: Range<u32>, keys: &str) -> [Errors; 2] {
 #[test]
 fn a_prediction_goes_through_a_bounce_on_a_floor_that_is_seen() {
     for keys in ["pose=1", "pose=0"] {
-        let [among, by_law] = across(0..8, keys);
+        let [among, by_law] = across(0..5, keys);
         let [ours, laws] = [&among, &by_law].map(|errors| (1e3 * rms(&errors.size), mean(&errors.nees)));
         println!(
             "{keys}: {} predictions, {:.1} mm rms, NEES an axis {:.2}; by the law alone {:.1} mm",
@@ -220,7 +220,7 @@ fn a_prediction_goes_through_a_bounce_on_a_floor_that_is_seen() {
 /// are left out, and active ones in which it is lower than `least`, m.
 fn judged(name: &str, config: &Config, least: f64) -> [f64; 2] {
     let (mut right, mut all) = ([0.0; 2], [0.0; 2]);
-    for seed in 0..4 {
+    for seed in 0..2 {
         let scene = Scene::parse(&format!("{name}seed={seed}")).unwrap();
         let (events, _) = judge::run(&scene, config);
         hold(&events);
@@ -233,7 +233,7 @@ fn judged(name: &str, config: &Config, least: f64) -> [f64; 2] {
             let frame = position.frame as usize;
             let Some((active, height)) = state(frame) else { continue };
             let changes = (frame.saturating_sub(6)..=frame + 6).any(|other| state(other).is_some_and(|s| s.0 != active));
-            if !changes && !(active && height < least) {
+            if !changes && (height >= least || !active) {
                 let told = told.iter().any(|(t, a)| t.track == e.track && a.active && (a.start_ns..=a.end_ns).contains(&e.timestamp_ns));
                 all[usize::from(active)] += 1.0;
                 right[usize::from(active)] += f64::from(u8::from(told == active));
@@ -245,19 +245,15 @@ fn judged(name: &str, config: &Config, least: f64) -> [f64; 2] {
 
 #[test]
 fn a_floor_that_is_seen_is_as_good_as_one_that_was_told() {
-    let unknown = |law, shape| {
-        let mut config = Config::default();
-        (config.assume.objects, config.laws.law, config.object.shape) = (ObjectsAssumption::Unknown, law, shape);
-        config
-    };
-    for (name, config, least) in [
-        ("toy_car?", unknown(LawName::Auto, Shape::Any), 0.0),
-        ("flying_robot?", unknown(LawName::FreeFall, Shape::Any), 0.25),
-        ("room?pose=1&", unknown(LawName::FreeFall, Shape::Sphere), 0.0),
+    for (name, law, shape, least) in [
+        ("toy_car?", LawName::Auto, Shape::Any, 0.0),
+        ("flying_robot?", LawName::FreeFall, Shape::Any, 0.25),
+        ("room?pose=1&", LawName::FreeFall, Shape::Sphere, 0.0),
     ] {
         for scene in [SceneAssumption::Unknown, SceneAssumption::Known] {
-            let mut config = config.clone();
-            config.assume.scene = scene;
+            let mut config = Config::default();
+            (config.assume.objects, config.assume.scene) = (ObjectsAssumption::Unknown, scene);
+            (config.laws.law, config.object.shape) = (law, shape);
             let seen = judged(name, &config, least);
             config.environment.plane.push(KnownPlane::default()).unwrap();
             let told = judged(name, &config, least);
