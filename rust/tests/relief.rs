@@ -255,11 +255,14 @@ fn a_floor_that_is_seen_is_as_good_as_one_that_was_told() {
             (config.assume.objects, config.assume.scene) = (ObjectsAssumption::Unknown, scene);
             (config.laws.law, config.object.shape) = (law, shape);
             let seen = judged(name, &config, least);
-            config.environment.plane.push(KnownPlane::default()).unwrap();
-            let told = judged(name, &config, least);
-            println!("{name} {scene:?}: active {:.3}, passive {:.3}; told {:.3}, {:.3}", seen[0], seen[1], told[0], told[1]);
+            println!("{name} {scene:?}: active {:.3}, passive {:.3}", seen[0], seen[1]);
             assert!((seen[0] >= 0.9 || name.starts_with("room")) && seen[1] >= 0.98, "{name} {scene:?}: {seen:?}");
-            assert!(scene == SceneAssumption::Known || (seen[0] > told[0] - 0.01 && seen[1] > told[1] - 0.01), "{name}: {seen:?} {told:?}");
+            // Where all is known, what is hidden from the camera may still hold something, unless the scene was told.
+            if scene == SceneAssumption::Unknown {
+                config.environment.plane.push(KnownPlane::default()).unwrap();
+                let told = judged(name, &config, least);
+                assert!(seen[0] > told[0] - 0.01 && seen[1] > told[1] - 0.01, "{name}: {seen:?} {told:?}");
+            }
         }
     }
 }
