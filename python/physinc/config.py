@@ -108,7 +108,7 @@ class AssumeConfig:
     `moving`: orientation as configured, translation free (`camera_motion`). `unknown`: both free. Where the camera moves there is no
     background, and no contact is looked for."""
     scene: Literal["known", "unknown"] = "unknown"
-    """Whether the environment is all there is."""
+    """Whether the environment is all there is: what was told of it, and what a learned background shows."""
     objects: Literal["passive", "unknown"] = "passive"
     """Whether objects may have a motor: `unknown` tells `activity`."""
 

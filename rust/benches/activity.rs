@@ -36,6 +36,7 @@ fn calibrate(tracks: u64) {
         law: LawName::FreeFall,
         nearest: &|_| None,
         closed: true,
+        open: &|_, _| false,
         radius: 0.033,
         any_shape: false,
         untold: None,

@@ -128,7 +128,7 @@ section! {
     AssumeConfig {
         /// What is known of the camera's pose; left out: `static` where `world_from_camera` is given, else `tilted`.
         camera: Option<CameraAssumption> = None,
-        /// Whether the environment is all there is.
+        /// Whether the environment is all there is: what was told of it, and what a learned background shows.
         scene: SceneAssumption = SceneAssumption::Unknown,
         /// Whether objects may have a motor.
         objects: ObjectsAssumption = ObjectsAssumption::Passive,

@@ -216,6 +216,9 @@ impl<'b> Engine<'b> {
             .collect();
         tell_gaps(gaps, timestamp_ns, sink);
         self.reasoning.see_structure(seeing.structure(&pose));
+        if let Some(relief) = seeing.surveyed() {
+            self.reasoning.see_relief(relief);
+        }
         self.reason(timestamp_ns, frame, &measured, sink);
         self.attention.saw(timestamp_ns, whole, &detections, self.reasoning.tracks());
         Ok(())
@@ -267,7 +270,7 @@ impl<'b> Engine<'b> {
         self.reasoning.predictors()
     }
 
-    /// What is known of the scene.
+    /// What is known of the scene: what was told, and, once the background is learned, what the camera sees of it.
     pub fn environment(&self) -> &Environment {
         self.reasoning.environment()
     }

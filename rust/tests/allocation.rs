@@ -23,23 +23,31 @@ fn the_counter_counts() {
     assert_eq!(allocations(|| assert!(std::hint::black_box(vec.len()) == 1)), 0);
 }
 
-/// From the first frame on: warm is what `Engine::new` left.
+/// From the first frame on: warm is what `Engine::new` left. Before nothing, and before a wall and a floor that are learned.
 #[test]
 fn seeing_and_reasoning_allocate_nothing() {
-    let scene = Scene::parse("bounce?seed=1").expect("a scene");
-    let config = Config::default();
-    let mut contacts = 0_u64;
-    let mut count_contacts = |event: Event| contacts += u64::from(matches!(event.kind, Kind::Contact(_)));
+    for (name, planes) in [("bounce?seed=1", 0), ("room?seed=1&throws=2", 2)] {
+        let scene = Scene::parse(name).expect("a scene");
+        let config = Config::default();
+        let mut contacts = 0_u64;
+        let mut count_contacts = |event: Event| contacts += u64::from(matches!(event.kind, Kind::Contact(_)));
 
-    let mut engine = Engine::new(&config, Some(&scene.camera())).expect("a configuration that can be");
-    let mut frames = scene.frames();
-    while let Some(frame) = frames.next_frame() {
-        let image = Image::U16(frame.samples);
-        let count = allocations(|| engine.frame(frame.timestamp_ns, image, &mut count_contacts).expect("the camera's image"));
-        assert_eq!(count, 0, "at {} ns", frame.timestamp_ns);
+        let mut engine = Engine::new(&config, Some(&scene.camera())).expect("a configuration that can be");
+        let mut frames = scene.frames();
+        while let Some(frame) = frames.next_frame() {
+            let image = Image::U16(frame.samples);
+            let count = allocations(|| {
+                engine.frame(frame.timestamp_ns, image, &mut count_contacts).expect("the camera's image");
+                for predictor in engine.predictors() {
+                    std::hint::black_box(predictor.predict_among(engine.environment(), frame.timestamp_ns + 300_000_000));
+                }
+            });
+            assert_eq!(count, 0, "{name} at {} ns", frame.timestamp_ns);
+        }
+        assert_eq!(allocations(|| engine.finish(&mut count_contacts)), 0);
+        assert!(contacts > 3, "{name}, only {contacts} contacts: reasoning was never at work");
+        assert_eq!(engine.environment().relief().map(|relief| relief.planes().len()), Some(planes));
     }
-    assert_eq!(allocations(|| engine.finish(&mut count_contacts)), 0);
-    assert!(contacts > 5, "only {contacts} contacts: reasoning was never at work");
 }
 
 /// From the first packet on, with every thirtieth of them lost.

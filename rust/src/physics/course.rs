@@ -1,6 +1,6 @@
 //! Where a ball goes among known surfaces: it flies by the law, bounces where it meets one, and rolls where it bounces no more.
 
-use crate::geometry::environment::{Environment, SURVEY_SD};
+use crate::geometry::environment::{Environment, Sweep};
 use crate::math::{Mat3, Vec3, ceil};
 use crate::physics::flight::{Flight, Prediction};
 use crate::physics::law::{Law, State};
@@ -85,7 +85,7 @@ impl Course<'_> {
     /// edge makes a fool of: a ball may bounce off a table or pass it by. Each direction of the flight's uncertainty is tried both ways
     /// with restitution and grip both ways, so that mean and covariance are exact wherever all is linear.
     pub fn predict(&self, flight: &Flight, carried: bool, t: f64) -> Option<Prediction> {
-        if self.environment.surfaces().is_empty() || flight.count < 3 || t <= flight.state.t || !self.meets(flight, carried, t) {
+        if self.environment.count() == 0 || flight.count < 2 || t <= flight.state.t || !self.meets(flight, carried, t) {
             return None;
         }
         // Gravity that is known has no direction worth trying.
@@ -162,14 +162,15 @@ impl Ball<'_> {
             if closing > 0.0 {
                 let late = hit.normal.dot(&(guess.position - hit.center)) / closing;
                 self.state = self.state.at((guess.t + late).clamp(self.state.t, until), law, &self.gravity);
-                return self.bounce(&hit.normal, hit.surface);
+                return self.bounce(&hit);
             }
         }
         self.state = next;
     }
 
-    fn bounce(&mut self, normal: &Vec3, surface: u32) {
-        let (mean, sd) = (self.course.restitution)(surface);
+    fn bounce(&mut self, hit: &Sweep) {
+        let normal = &hit.normal;
+        let (mean, sd) = (self.course.restitution)(hit.surface);
         let e = (mean + self.luck.restitution * sd).clamp(0.0, 1.0);
         let into = -normal.dot(&self.state.velocity);
         let along = self.state.velocity + normal * into;
@@ -186,7 +187,7 @@ impl Ball<'_> {
             velocity: if stays { after } else { after + normal * off },
         };
         let outwards = normal * normal.transpose();
-        let rise = if stays { SURVEY_SD } else { (1.0 + e) * SURVEY_SD };
+        let rise = if stays { hit.sd } else { (1.0 + e) * hit.sd };
         self.spread += outwards * (rise * rise);
         // After the first bounce its spin is that of the bounce.
         if self.bounces == 0 {
@@ -218,7 +219,7 @@ impl Ball<'_> {
         let obstacle = environment.sweep(&from, &to, radius).filter(|hit| hit.surface != surface && -hit.normal.dot(&velocity) > HOP);
         if let Some(hit) = obstacle {
             self.state = State { t: self.state.t + hit.fraction * dt, position: hit.center, velocity };
-            return self.bounce(&hit.normal, hit.surface);
+            return self.bounce(&hit);
         }
         self.state = State { t: until, position: to, velocity: velocity + pull * dt };
         // An edge is where it falls.
@@ -231,6 +232,7 @@ impl Ball<'_> {
 mod tests {
     use super::*;
     use crate::config::{EnvironmentConfig, KnownBox, KnownPlane};
+    use crate::geometry::environment::SURVEY_SD;
     use crate::math::sqrt;
     use crate::physics::Sample;
     use crate::physics::gravity::Gravity;

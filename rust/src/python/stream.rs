@@ -9,7 +9,6 @@ use super::iterable::Iterable;
 use super::law::{Raised, StreamLaw};
 use super::video::VideoFrame;
 use super::waiting::{SLICE, wait_for};
-use crate::config::EnvironmentConfig;
 use crate::event::Event;
 use crate::geometry::environment::Environment;
 use crate::math::rows;
@@ -40,7 +39,6 @@ pub struct Stream {
     shown: Option<Shown<Latest, Frame>>,
     filmed: Option<Shown<LatestVideo, VideoFrame>>,
     tape: Option<Tape>,
-    environment: Arc<Environment>,
     /// What the user's own law raised, if there is one.
     raised: Option<Raised>,
 }
@@ -77,6 +75,7 @@ enum Feed {
 struct Now {
     events: VecDeque<Event>,
     predictors: Vec<Predictor>,
+    environment: Arc<Environment>,
     counters: crate::event::Counters,
     busy: Duration,
     arrival_ns: Option<i64>,
@@ -94,8 +93,8 @@ impl Stream {
                 return event::to_python(py, event).map(Some);
             }
             match self.step(py) {
-                Ok(Some(Step { events, predictors, counters, busy, arrival_ns })) => {
-                    *self.now() = Now { events: events.into(), predictors, counters, busy, arrival_ns };
+                Ok(Some(Step { events, predictors, environment, counters, busy, arrival_ns })) => {
+                    *self.now() = Now { events: events.into(), predictors, environment, counters, busy, arrival_ns };
                 }
                 Ok(None) => {
                     let closed = self.close(py);
@@ -192,8 +191,9 @@ impl Stream {
     /// The live tracks by number, as of the last event.
     #[getter]
     fn tracks(&self) -> BTreeMap<u32, Track> {
-        let track = |predictor: &Predictor| Track { predictor: predictor.clone(), environment: Arc::clone(&self.environment) };
-        self.now().predictors.iter().map(|predictor| (predictor.track(), track(predictor))).collect()
+        let now = self.now();
+        let track = |predictor: &Predictor| Track { predictor: predictor.clone(), environment: Arc::clone(&now.environment) };
+        now.predictors.iter().map(|predictor| (predictor.track(), track(predictor))).collect()
     }
 }
 
@@ -204,7 +204,6 @@ impl Stream {
         latest: Option<Arc<Latest>>,
         video: Option<Arc<LatestVideo>>,
         tape: Option<Tape>,
-        environment: &EnvironmentConfig,
         raised: Option<Raised>,
     ) -> PyResult<Self> {
         let timeout = match timeout {
@@ -221,7 +220,6 @@ impl Stream {
             shown: latest.map(Shown::new),
             filmed: video.map(Shown::new),
             tape,
-            environment: Arc::new(Environment::new(environment)),
             raised,
         })
     }
@@ -290,7 +288,7 @@ impl Track {
         self.predictor.track()
     }
 
-    /// Where it will be by the laws of physics, among the known surfaces: center [3] (m, world) and covariance [3, 3] (m²).
+    /// Where it will be by the laws of physics, among what is known of the scene: center [3] (m, world) and covariance [3, 3] (m²).
     #[pyo3(signature = (t=None, *, timestamp_ns=None))]
     fn predict<'py>(&self, py: Python<'py>, t: Option<f64>, timestamp_ns: Option<i64>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         let timestamp_ns = match (t, timestamp_ns) {
@@ -361,7 +359,7 @@ pub fn open_source(
         run.obey(Box::new(law));
     }
     let video = source.video();
-    Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout, latest, video, tape, &config.environment, raised)
+    Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout, latest, video, tape, raised)
 }
 
 /// Takes frames or positions from a Python iterable.
@@ -386,7 +384,6 @@ pub fn open_iterable(
     let (law, raised) = law.map(|law| StreamLaw::new(law, &config)).transpose()?.unzip();
     let options = Options { positions, provisional, ..Options::default() };
     let latest = images.then(Arc::<Latest>::default);
-    let environment = config.environment.clone();
     let feed = Feed::Iterable(Mutex::new(Iterable::new(items, config, options, latest.clone(), law)?));
-    Stream::new(feed, None, latest, None, None, &environment, raised)
+    Stream::new(feed, None, latest, None, None, raised)
 }

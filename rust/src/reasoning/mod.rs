@@ -8,7 +8,7 @@ pub use predictor::Predictor;
 use crate::config::{CameraAssumption, Config, ObjectsAssumption, SceneAssumption};
 use crate::event::{self, Event, TrackReason};
 use crate::geometry::camera::{Camera, Pose};
-use crate::geometry::environment::Environment;
+use crate::geometry::environment::{Environment, Relief};
 use crate::math::{Mat3, Vec3, rows};
 use crate::physics::between;
 use crate::physics::contact::Contact;
@@ -112,6 +112,11 @@ impl Reasoning {
     /// that is pushed next.
     pub fn see_structure(&mut self, (displacement, information): (Vec3, Mat3)) {
         self.structure = (displacement, information);
+    }
+
+    /// The camera sees this behind all objects, from now on.
+    pub fn see_relief(&mut self, relief: Relief) {
+        self.surfaces.see(relief);
     }
 
     /// Takes in what was seen at one instant, `frame` of the stream; stamps increase.
@@ -334,7 +339,8 @@ impl Reasoning {
             if let Some(track) = tracks.iter_mut().find(|t| t.id == id) {
                 f(track, noise, &around, &mut findings);
                 let nearest = |p: &Vec3| surfaces.environment().nearest(p).map(|(distance, normal, _)| (distance, normal));
-                let place = Circumstances::new(config, &around, &nearest, radius, track.untold.then(|| noise.parts()));
+                let open = |p: &Vec3, reach: f64| surfaces.environment().is_open(p, reach);
+                let place = Circumstances::new(config, &around, &nearest, &open, radius, track.untold.then(|| noise.parts()));
                 if let Some((activity, samples)) = track.activity() {
                     activity.push(samples, &findings, &place, last_activity, &mut told);
                     if is_last {

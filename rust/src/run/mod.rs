@@ -14,6 +14,7 @@ use crate::engine::{Engine, Sink};
 use crate::error::ConfigError;
 use crate::event::{CameraModel, Counters, Disconnected, EndReason, Event, Kind, Reconnected, StreamEnded, StreamStarted};
 use crate::geometry::camera::Camera;
+use crate::geometry::environment::Environment;
 use crate::physics::own::OwnLaw;
 use crate::reasoning::Predictor;
 use crate::seeing::{Image, SeeError};
@@ -42,6 +43,8 @@ pub struct Options {
 pub struct Run {
     /// Large, and handed from thread to thread.
     engine: Box<Engine<'static>>,
+    /// What the engine knows of the scene, to be handed out.
+    environment: Arc<Environment>,
     options: Options,
     started: StreamStarted,
     span_ns: Option<(i64, i64)>,
@@ -81,9 +84,11 @@ impl Run {
         // What doesn't fit is cut: a name is there to be recognised.
         let _ = name.chars().try_for_each(|c| source.push(c));
         let world_from_camera = engine.world_from_camera().to_rows();
+        let environment = Arc::new(engine.environment().clone());
         let started = StreamStarted { source, camera: camera.map(CameraModel::from), world_from_camera };
         Self {
             engine,
+            environment,
             options,
             started,
             span_ns: None,
@@ -153,6 +158,10 @@ impl Run {
         }
         let Some(begun) = begun else { return Ok(false) };
         self.busy += begun.elapsed();
+        // That is learned once.
+        if self.engine.environment().relief().is_some() && self.environment.relief().is_none() {
+            self.environment = Arc::new(self.engine.environment().clone());
+        }
         self.arrival_ns = arrival;
         if self.engine.is_lawless() {
             self.end(EndReason::Disconnected, sink);
@@ -216,6 +225,11 @@ impl Run {
     /// When the packet arrived that completed the newest frame, ns on the host's clock; `None` where no packets come.
     pub fn arrival_ns(&self) -> Option<i64> {
         self.arrival_ns
+    }
+
+    /// What is known of the scene.
+    pub fn environment(&self) -> &Arc<Environment> {
+        &self.environment
     }
 
     /// Where each live track will be.

@@ -2,9 +2,11 @@
 
 use super::Run;
 use crate::event::{Counters, EndReason, Event};
+use crate::geometry::environment::Environment;
 use crate::reasoning::Predictor;
 use crate::seeing::SeeError;
 use crate::source::Input;
+use std::sync::Arc;
 use std::time::Duration;
 use std::vec::Vec;
 
@@ -15,6 +17,8 @@ pub struct Step {
     pub events: Vec<Event>,
     /// The live tracks after it.
     pub predictors: Vec<Predictor>,
+    /// What is known of the scene after it.
+    pub environment: Arc<Environment>,
     /// What went through up to it.
     pub counters: Counters,
     /// How long the engine worked up to it.
@@ -42,6 +46,7 @@ impl Step {
     }
 
     fn after(run: &Run, events: Vec<Event>) -> Self {
-        Self { events, predictors: run.predictors().collect(), counters: run.counters(), busy: run.busy(), arrival_ns: run.arrival_ns() }
+        let (predictors, environment) = (run.predictors().collect(), Arc::clone(run.environment()));
+        Self { events, predictors, environment, counters: run.counters(), busy: run.busy(), arrival_ns: run.arrival_ns() }
     }
 }

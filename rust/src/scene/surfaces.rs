@@ -2,7 +2,7 @@
 
 use crate::config::{EnvironmentConfig, Name};
 use crate::event::{Above, Surface};
-use crate::geometry::environment::{Environment, KnownSurface};
+use crate::geometry::environment::{Environment, KnownSurface, Relief};
 use crate::math::{Mat3, Vec3, acos, sqrt};
 use crate::physics::restitution::Restitution;
 use crate::scene::outline::outline;
@@ -33,8 +33,8 @@ struct Found {
     forgotten: u32,
 }
 
-/// Restitution on each known surface, by its id: mean and standard deviation.
-pub type Restitutions = Vec<(f64, f64), { Environment::CAPACITY }>;
+/// Restitution on each known surface and each plane that the camera sees, as they are counted: mean and standard deviation.
+pub type Restitutions = Vec<(f64, f64), { Environment::ALL }>;
 
 /// Slower impacts say little of the restitution, m/s.
 const TELLING: f64 = 0.5;
@@ -44,7 +44,7 @@ const TELLING: f64 = 0.5;
 pub struct Surfaces {
     environment: Environment,
     known_contacts: [u32; Environment::CAPACITY],
-    known_restitutions: [Restitution; Environment::CAPACITY],
+    known_restitutions: [Restitution; Environment::ALL],
     patches: Vec<(Patch, Option<u32>), PATCHES>,
     found: Vec<Found, SURFACES>,
     next: u32,
@@ -59,7 +59,7 @@ impl Surfaces {
         Self {
             environment,
             known_contacts: [0; Environment::CAPACITY],
-            known_restitutions: [Restitution::default(); Environment::CAPACITY],
+            known_restitutions: [Restitution::default(); Environment::ALL],
             patches: Vec::new(),
             found: Vec::new(),
             next,
@@ -72,9 +72,14 @@ impl Surfaces {
         &self.environment
     }
 
-    /// Restitution on each known surface, as contacts have shown it.
+    /// Learns what the camera sees: it can be touched, but which surfaces there are is told by contacts alone.
+    pub fn see(&mut self, relief: Relief) {
+        self.environment.see(relief);
+    }
+
+    /// Restitution on each known surface and each plane that the camera sees, as contacts have shown it.
     pub fn restitutions(&self) -> Restitutions {
-        self.known_restitutions[..self.environment.surfaces().len()].iter().map(Restitution::expected).collect()
+        self.known_restitutions[..self.environment.count()].iter().map(Restitution::expected).collect()
     }
 
     /// The surface, known or well found, that a ball of `radius` (m) at `center` (with covariance) touches, and its normal there.
@@ -92,12 +97,12 @@ impl Surfaces {
     /// Takes in a final contact; returns the surface it belongs to, and that surface's normal there.
     pub fn add(&mut self, patch: Patch, up: &Up) -> Option<(u32, Vec3)> {
         let covariance: Mat3 = patch.covariance.fixed_view::<3, 3>(0, 0).into();
+        if let Some((id, normal)) = self.environment.seen_touched(&patch.center, &covariance, patch.radius) {
+            self.learn_restitution(id, &normal, &patch);
+        }
         if let Some((id, normal)) = self.environment.touched(&patch.center, &covariance, patch.radius) {
             self.known_contacts[id as usize] += 1;
-            let (into, off) = (-patch.before.dot(&normal), patch.after.dot(&normal));
-            if into > TELLING && off > 0.0 && off < 1.05 * into {
-                self.known_restitutions[id as usize].learn(off / into);
-            }
+            self.learn_restitution(id, &normal, &patch);
             return Some((id, normal));
         }
         if self.closed {
@@ -116,6 +121,13 @@ impl Surfaces {
         self.merge(up);
         let id = self.patches[newest].1?;
         self.found.iter().find(|f| f.id == id).map(|f| (id, f.plane.normal))
+    }
+
+    fn learn_restitution(&mut self, id: u32, normal: &Vec3, patch: &Patch) {
+        let (into, off) = (-patch.before.dot(normal), patch.after.dot(normal));
+        if into > TELLING && off > 0.0 && off < 1.05 * into {
+            self.known_restitutions[id as usize].learn(off / into);
+        }
     }
 
     /// Forgets the oldest contact of the surface that has most.

@@ -3,9 +3,11 @@
 mod background;
 mod buffers;
 mod image;
+mod planes;
 mod search;
 mod shapes;
 mod structure;
+mod survey;
 #[cfg(test)]
 mod tests;
 
@@ -16,6 +18,7 @@ pub use crate::detect::foreground::Area;
 use self::image::{Packed, Plain, Source};
 use self::shapes::Shapes;
 use self::structure::{Shown, Structure};
+use self::survey::Survey;
 use crate::config::{ObjectConfig, Shape};
 use crate::detect::ball::Found;
 use crate::detect::foreground::{Coding, Sample};
@@ -66,6 +69,8 @@ pub struct Seeing<'b> {
     /// Static planes, where the camera moves, and what the newest frame shows of them.
     structure: Option<Structure>,
     shown: Shown,
+    /// What can be touched of the background.
+    survey: Survey,
     /// The row that is next looked at for slow change.
     row: usize,
     seen: u32,
@@ -114,6 +119,7 @@ impl<'b> Seeing<'b> {
             environment: None,
             structure: None,
             shown: Shown::new(),
+            survey: if background_frames > 0 { Survey::Awaited } else { Survey::Over },
             row: 0,
             seen: 0,
             floating: None,
@@ -199,6 +205,7 @@ impl<'b> Seeing<'b> {
             return true;
         }
         self.measure_structure(&mut source);
+        self.survey(&mut source);
         if let Some(mut shapes) = self.shapes.take() {
             self.cluttered += u64::from(self.see_shapes(&mut source, &scope, &mut shapes, detections).is_err());
             self.follow(&mut source, |_, row| shapes.kept_in(row));

@@ -24,7 +24,7 @@ const TRIES: u32 = 150;
 /// Pixels of one try lie apart by this, px.
 const APART: (f64, f64) = (16.0, 160.0);
 /// What is farther than so many standard deviations from a plane is something else.
-const GATE: f64 = 3.5;
+pub(super) const GATE: f64 = 3.5;
 /// Samples `DENSE` pixels apart of a matching window of 9 are worth as many independent ones as these, less this factor.
 const CORRELATED: f64 = 5.0;
 /// Planes are looked for in so many first frames.
@@ -248,6 +248,6 @@ impl Seeing<'_> {
 }
 
 /// Standard deviation of the inverse depth `q`, 1/m.
-fn noise(q: f64) -> f64 {
+pub(super) fn noise(q: f64) -> f64 {
     Noise::default().axial(1.0 / q) * q * q
 }

@@ -42,8 +42,10 @@ pub struct Circumstances<'a> {
     pub law: LawName,
     /// Distance (m) and unit normal of the nearest known surface.
     pub nearest: &'a dyn Fn(&Vec3) -> Option<(f64, Vec3)>,
-    /// There are no other surfaces.
+    /// There are no other surfaces,
     pub closed: bool,
+    /// but where this holds of the space within a distance (m) of a place.
+    pub open: &'a dyn Fn(&Vec3, f64) -> bool,
     /// Radius of the ball, or half the extent of an object of any shape, m.
     pub radius: f64,
     /// It may be of any shape, its reference point anywhere within.
@@ -83,11 +85,12 @@ impl<'a> Circumstances<'a> {
         config: &Config,
         around: &'a Surroundings<'a>,
         nearest: &'a dyn Fn(&Vec3) -> Option<(f64, Vec3)>,
+        open: &'a dyn Fn(&Vec3, f64) -> bool,
         radius: f64,
         untold: Option<(f64, f64)>,
     ) -> Self {
         let (closed, any_shape) = (config.assume.scene == SceneAssumption::Known, config.object.shape == Shape::Any);
-        Self { around, law: config.laws.law, nearest, closed, radius, any_shape, untold }
+        Self { around, law: config.laws.law, nearest, closed, open, radius, any_shape, untold }
     }
 
     /// The samples as a motion of this kind, whether or not they agree; `None` where it isn't possible there, or can't be told.
@@ -135,8 +138,8 @@ impl<'a> Circumstances<'a> {
         let (first, last) = (samples.first()?, samples.last()?);
         let up = -self.around.gravity.mean.try_normalize(1e-9)?;
         let known = self.support(&last.position, &up).filter(|_| self.support(&first.position, &up).is_some());
-        let nowhere = self.closed && (known.is_some() || self.law != LawName::ConstantVelocity || (self.nearest)(&last.position).is_some());
-        if known.is_none() && nowhere {
+        let somewhere = self.law == LawName::ConstantVelocity && (self.nearest)(&last.position).is_none();
+        if known.is_none() && !somewhere && self.is_closed(&last.position) {
             return None;
         }
         let normal = known.unwrap_or(up);
@@ -180,15 +183,23 @@ impl<'a> Circumstances<'a> {
     /// Normal of the known surface that carries what is at `place`.
     pub fn support(&self, place: &Vec3, up: &Vec3) -> Option<Vec3> {
         let (distance, normal) = (self.nearest)(place)?;
-        let reach = if self.any_shape { EXTENT * self.radius } else { self.radius + HOP };
-        (distance < reach && normal.dot(up) > LEVEL).then_some(normal)
+        (distance < self.reach() && normal.dot(up) > LEVEL).then_some(normal)
+    }
+
+    /// A surface that it touches is no farther away than this, m.
+    fn reach(&self) -> f64 {
+        if self.any_shape { EXTENT * self.radius } else { self.radius + HOP }
+    }
+
+    /// Whether nothing but known surfaces can touch what is at `place`.
+    fn is_closed(&self, place: &Vec3) -> bool {
+        self.closed && !(self.open)(place, self.reach())
     }
 
     /// Whether something may have touched the object at `place` and changed its velocity so, and whether that is a surface of which nothing is known.
     pub fn may_touch(&self, place: &Vec3, before: &Vec3, after: &Vec3) -> Option<bool> {
         let impulse = after - before;
-        let reach = if self.any_shape { EXTENT * self.radius } else { self.radius + HOP };
-        let in_reach = (self.nearest)(place).filter(|(distance, _)| *distance < reach);
+        let in_reach = (self.nearest)(place).filter(|(distance, _)| *distance < self.reach());
         // Within the cone of friction about the normal, and no faster away than into it.
         let pushed = |n: &Vec3| {
             let along = impulse.dot(n);
@@ -198,7 +209,7 @@ impl<'a> Circumstances<'a> {
             return Some(false);
         }
         let slower = impulse.dot(before) < 0.0 && after.norm() < 1.05 * before.norm() + 0.2;
-        (!self.closed && impulse.norm() > SMALLEST_IMPULSE && slower).then_some(true)
+        (impulse.norm() > SMALLEST_IMPULSE && slower && !self.is_closed(place)).then_some(true)
     }
 }
 

@@ -138,7 +138,7 @@ mod tests {
     }
 
     /// The same body as a box and as a mesh.
-    fn both(yaw: f64) -> [Environment; 2] {
+    fn both(yaw: f64) -> [std::boxed::Box<Environment>; 2] {
         let (center, (s, c)) = ([0.3, 1.5, 0.2], (libm::sin(yaw), libm::cos(yaw)));
         let mut boxes = EnvironmentConfig::default();
         boxes.r#box.push(KnownBox { center, size: [0.4, 0.3, 0.2], yaw, ..KnownBox::default() }).unwrap();
@@ -147,7 +147,7 @@ mod tests {
         let pose = Some([[c, -s, 0.0, center[0]], [s, c, 0.0, center[1]], [0.0, 0.0, 1.0, center[2]], [0.0, 0.0, 0.0, 1.0]]);
         let mut meshes = EnvironmentConfig::default();
         meshes.mesh.push(KnownMesh { pose, solid, ..KnownMesh::default() }).unwrap();
-        [Environment::new(&boxes), Environment::new(&meshes)]
+        [&boxes, &meshes].map(|config| std::boxed::Box::new(Environment::new(config)))
     }
 
     #[test]

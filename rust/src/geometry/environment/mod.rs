@@ -1,13 +1,16 @@
-//! The known environment E: planes, boxes, spheres and meshes, which of them a ball touches, and how far a ray sees.
+//! The known environment E: planes, boxes, spheres and meshes, what a camera sees behind the objects, which of them a ball touches, and how far a
+//! ray sees.
 
 #[cfg(feature = "std")]
 mod mesh;
+mod relief;
 mod sweep;
 #[cfg(feature = "std")]
 mod topology;
 
 #[cfg(feature = "std")]
 pub use mesh::Mesh;
+pub use relief::{Cell, Plane, Relief, Space};
 pub use sweep::Sweep;
 #[cfg(feature = "std")]
 pub use topology::MeshError;
@@ -60,18 +63,22 @@ pub struct KnownSurface {
     shape: Shape,
 }
 
-/// All known surfaces; ids are their places.
+/// All known surfaces; ids are their places. What a camera sees besides can be touched like them, but has no id that is told: its planes are counted
+/// on from the last one.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Environment {
     surfaces: Vec<KnownSurface, { Environment::CAPACITY }>,
+    relief: Option<Relief>,
 }
 
 /// How far a real surface may be from where it is said to be, m.
 pub const SURVEY_SD: f64 = 0.003;
 
 impl Environment {
-    /// Surfaces at the most.
+    /// Surfaces that are told at the most.
     pub const CAPACITY: usize = 24;
+    /// And with planes that a camera sees.
+    pub const ALL: usize = Self::CAPACITY + Relief::PLANES;
 
     /// The environment of a valid configuration: planes, boxes, spheres, meshes, each in the file's order.
     pub fn new(config: &EnvironmentConfig) -> Self {
@@ -114,20 +121,45 @@ impl Environment {
             let offset = normal.dot(&(origin + rotation * point));
             let _ = surfaces.push(KnownSurface { name: known.name.clone(), normal, offset, shape: Shape::Mesh { mesh, origin, rotation } });
         }
-        Self { surfaces }
+        Self { surfaces, relief: None }
     }
 
-    /// The surfaces.
+    /// Learns what a camera sees, in place of what it saw before.
+    pub fn see(&mut self, relief: Relief) {
+        self.relief = Some(relief);
+    }
+
+    /// The surfaces that were told.
     pub fn surfaces(&self) -> &[KnownSurface] {
         &self.surfaces
     }
 
-    /// How many times `ray` (m) a ray from `origin` (m, both world frame) goes until it meets a surface, at most `longest` times.
+    /// What a camera sees, once that is learned.
+    pub fn relief(&self) -> Option<&Relief> {
+        self.relief.as_ref()
+    }
+
+    /// Surfaces that were told and planes that are seen.
+    pub fn count(&self) -> usize {
+        self.surfaces.len() + self.relief.as_ref().map_or(0, |relief| relief.planes().len())
+    }
+
+    /// Whether something other than the known surfaces may be within `reach` (m) of `p` (world, m) even where the scene is known: a thing that the camera
+    /// sees, or, where no surface was told and all that is known is what it sees, anything that it does not.
+    pub fn is_open(&self, p: &Vec3, reach: f64) -> bool {
+        self.relief.as_ref().is_some_and(|relief| match relief.space(p, reach) {
+            Space::Free => false,
+            Space::Unseen => self.surfaces.is_empty(),
+            Space::Thing => true,
+        })
+    }
+
+    /// How many times `ray` (m) a ray from `origin` (m, both world frame) goes until it meets a surface that was told, at most `longest` times.
     pub fn cast(&self, origin: &Vec3, ray: &Vec3, longest: f64) -> Option<f64> {
         self.surfaces.iter().filter_map(|surface| surface.cast(origin, ray, longest)).min_by(f64::total_cmp)
     }
 
-    /// Id of the surface that a ball of `radius` (m) at `center` (with covariance, m²) touches, and the normal there.
+    /// Id of the surface that a ball of `radius` (m) at `center` (with covariance, m²) touches, of those that were told, and the normal there.
     pub fn touched(&self, center: &Vec3, covariance: &Mat3, radius: f64) -> Option<(u32, Vec3)> {
         let nearest = self.surfaces.iter().enumerate().map(|(id, s)| {
             let (distance, normal) = s.distance(center);
@@ -136,6 +168,16 @@ impl Environment {
         let (miss, id, normal) = nearest.min_by(|a, b| a.0.total_cmp(&b.0))?;
         let sd = sqrt(normal.dot(&(covariance * normal)) + SURVEY_SD * SURVEY_SD);
         (miss < 4.0 * sd).then_some((id, normal))
+    }
+
+    /// The same of the planes that a camera sees.
+    pub fn seen_touched(&self, center: &Vec3, covariance: &Mat3, radius: f64) -> Option<(u32, Vec3)> {
+        let relief = self.relief.as_ref()?;
+        let nearest = relief.near(center).min_by(|a, b| (a.1 - radius).abs().total_cmp(&(b.1 - radius).abs()));
+        let (number, distance, normal) = nearest?;
+        let own = relief.sd(number, center);
+        let sd = sqrt(normal.dot(&(covariance * normal)) + SURVEY_SD * SURVEY_SD + own * own);
+        ((distance - radius).abs() < 4.0 * sd).then_some(((self.surfaces.len() + number) as u32, normal))
     }
 }
 

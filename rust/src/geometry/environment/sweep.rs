@@ -19,8 +19,10 @@ pub struct Sweep {
     pub center: Vec3,
     /// Unit normal of the surface there, towards the ball.
     pub normal: Vec3,
-    /// Id of the surface.
+    /// Id of the surface, or place of a plane that a camera sees after the last of them.
     pub surface: u32,
+    /// Standard deviation of where that is, m.
+    pub sd: f64,
 }
 
 impl Environment {
@@ -30,18 +32,29 @@ impl Environment {
         let way = to - from;
         let touches = self.surfaces.iter().enumerate().filter_map(|(id, surface)| {
             let (fraction, normal) = surface.sweep(from, &way, radius)?;
-            Some(Sweep { fraction, center: from + way * fraction, normal, surface: id as u32 })
+            Some(Sweep { fraction, center: from + way * fraction, normal, surface: id as u32, sd: SURVEY_SD })
         });
-        touches.min_by(|a, b| a.fraction.total_cmp(&b.fraction))
+        let seen = self.relief.iter().flat_map(|relief| {
+            relief.sweep(from, &way, radius).map(move |(number, fraction, normal)| {
+                let (center, own) = (from + way * fraction, relief.sd(number, &(from + way * fraction)));
+                let (surface, sd) = ((self.surfaces.len() + number) as u32, sqrt(SURVEY_SD * SURVEY_SD + own * own));
+                Sweep { fraction, center, normal, surface, sd }
+            })
+        });
+        touches.chain(seen).min_by(|a, b| a.fraction.total_cmp(&b.fraction))
     }
 
-    /// The surface nearest to `p` (world, m): its distance (m, negative inside), the unit normal towards `p`, its id.
+    /// The surface nearest to `p` (world, m): its distance (m, negative inside), the unit normal towards `p`, its id as in [`Sweep`].
     pub fn nearest(&self, p: &Vec3) -> Option<(f64, Vec3, u32)> {
         let surfaces = self.surfaces.iter().enumerate().map(|(id, surface)| {
             let (distance, normal) = surface.distance(p);
             (distance, normal, id as u32)
         });
-        surfaces.min_by(|a, b| a.0.total_cmp(&b.0))
+        let seen = self
+            .relief
+            .iter()
+            .flat_map(|relief| relief.near(p).map(|(number, distance, normal)| (distance, normal, (self.surfaces.len() + number) as u32)));
+        surfaces.chain(seen).min_by(|a, b| a.0.total_cmp(&b.0))
     }
 
     /// Whether an interaction is possible: whether a ball of `radius` (m) may touch a surface on its way from `from` to `to` (world, m),

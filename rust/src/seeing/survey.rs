@@ -1,0 +1,164 @@
+//! What an object can touch of a learned background, surveyed over some frames: planes, and what else stands there.
+
+use super::Seeing;
+use super::image::Source;
+use super::planes::{Sums, cells, find, middle, unclaimed};
+use super::structure::{GATE, noise};
+use crate::detect::foreground::{Sample, first_key_beyond};
+use crate::detect::noise::Noise;
+use crate::geometry::camera::Camera;
+use crate::geometry::environment::{Cell, Relief};
+use crate::math::Vec3;
+
+/// So many of a cell's eight neighbours show its plane, or it is something else that happens to meet the plane; where a cell shows nothing, so many
+/// make it a part of theirs.
+const NEIGHBOURS: (usize, usize) = (3, 5);
+/// Pixels of a cell, of those that are looked at, that stand before its plane where something else does.
+const BEFORE: u32 = 3;
+/// Pixels that are looked at: every so manyth column and row.
+const STRIDE: usize = 2;
+
+/// How far the survey is.
+#[allow(clippy::large_enum_variant)] // No heap to put the larger ones on.
+pub(super) enum Survey {
+    /// The background is not learned yet.
+    Awaited,
+    /// Planes are looked for, from this block on.
+    Begun(Relief, usize),
+    /// All of it is there.
+    Done(Relief),
+    /// It was handed out, or there is none.
+    Over,
+}
+
+impl Seeing<'_> {
+    /// Hands out the survey of the background, once.
+    pub fn surveyed(&mut self) -> Option<Relief> {
+        if !matches!(self.survey, Survey::Done(_)) {
+            return None;
+        }
+        match core::mem::replace(&mut self.survey, Survey::Over) {
+            Survey::Done(relief) => Some(relief),
+            Survey::Awaited | Survey::Begun(..) | Survey::Over => None,
+        }
+    }
+
+    /// Does one frame's part of the survey.
+    pub(super) fn survey<S: Sample>(&mut self, source: &mut impl Source<S>) {
+        if matches!(self.survey, Survey::Done(_) | Survey::Over) {
+            return;
+        }
+        let Survey::Begun(mut relief, block) = core::mem::replace(&mut self.survey, Survey::Over) else {
+            let mut relief = Relief::new(&self.camera);
+            self.sound(source, &mut relief, |relief, (column, row), _, q| relief.show(column, row, unclaimed(q)));
+            self.survey = Survey::Begun(relief, 0);
+            return;
+        };
+        self.survey = if let Some(next) = find(&mut relief, &self.camera, block) {
+            Survey::Begun(relief, next)
+        } else {
+            self.complete(source, &mut relief);
+            Survey::Done(relief)
+        };
+    }
+
+    /// Calls `look` with the column and row of each cell in whose middle the background is known, its ray, and its inverse depth, 1/m.
+    fn sound<S: Sample>(
+        &self,
+        source: &mut impl Source<S>,
+        relief: &mut Relief,
+        mut look: impl FnMut(&mut Relief, (usize, usize), &Vec3, f64),
+    ) {
+        let Camera { width, max_depth, .. } = self.camera;
+        for (column, row) in cells(relief) {
+            let (x, y) = middle(relief, column, row);
+            let (Some(limit), Some(shown)) = (self.buffers.limits.get(y * width + x), self.buffers.farthest.get(y * width + x)) else {
+                continue;
+            };
+            // What was learned is one of the farthest readings; this frame's errs to either side.
+            let now = source.part(y, x / 8 * 8..(x / 8 * 8 + 8).min(width)).get(x % 8).filter(|sample| sample.key(&self.coding) >= *limit);
+            let now = now.map(|sample| sample.depth(&self.coding, &self.buffers.depths)).filter(|z| *z > 0.0 && *z <= max_depth);
+            if let Some(z) = now.or_else(|| S::depth_of_key(*shown, &self.coding)) {
+                look(relief, (column, row), &self.camera.deproject(x as f64, y as f64, 1.0), 1.0 / z);
+            }
+        }
+    }
+
+    /// Puts in what there is beside planes, and measures these where they are seen by themselves.
+    fn complete<S: Sample>(&self, source: &mut impl Source<S>, relief: &mut Relief) {
+        cells(relief).for_each(|(column, row)| relief.show(column, row, Cell::Nothing));
+        // Where planes meet, the first that was found took too much.
+        self.sound(source, relief, |relief, (column, row), ray, q| {
+            let off = relief.planes().iter().map(|plane| (q - plane.w.dot(ray)).abs()).enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
+            let plane = off.filter(|(_, off)| *off < GATE * noise(q)).map(|(number, _)| Cell::Plane(number as u8));
+            relief.show(column, row, plane.unwrap_or(Cell::Thing(0)));
+        });
+        cells(relief).for_each(|(column, row)| self.look_closely::<S>(relief, column, row));
+        for (column, row) in cells(relief) {
+            let around = |number: u8| neighbours(relief, (column, row), number);
+            let most = (0..relief.planes().len() as u8).map(|number| (around(number), number)).max();
+            match (relief.cell(column, row), most) {
+                (Some(Cell::Plane(number)), _) if around(number) < NEIGHBOURS.0 => {
+                    relief.show(column, row, self.nearest::<S>(relief, column, row));
+                }
+                (Some(Cell::Nothing), Some((count, number))) if count >= NEIGHBOURS.1 => relief.show(column, row, Cell::Plane(number)),
+                _ => {}
+            }
+        }
+        let mut sums = [Sums::default(); Relief::PLANES];
+        self.sound(source, relief, |relief, place, ray, q| {
+            let Some(Cell::Plane(number)) = relief.cell(place.0, place.1) else { return };
+            let near = relief.planes().get(usize::from(number)).is_some_and(|plane| (q - plane.w.dot(ray)).abs() < GATE * noise(q));
+            if let Some(sums) = sums.get_mut(usize::from(number)).filter(|_| near && neighbours(relief, place, number) == 8) {
+                sums.add(ray, q);
+            }
+        });
+        // Readings share the noise of their matching windows.
+        let correlated = Noise::default().window.iter().map(|window| (*window as f64 / relief.edge() as f64).max(1.0)).product();
+        for (plane, sums) in relief.planes_mut().iter_mut().zip(sums) {
+            *plane = sums.plane(correlated).unwrap_or(*plane);
+        }
+    }
+
+    /// Whether a cell shows nothing, or something before its plane.
+    fn look_closely<S: Sample>(&self, relief: &mut Relief, column: usize, row: usize) {
+        let Some(shown) = relief.cell(column, row) else { return };
+        let plane = if let Cell::Plane(number) = shown { relief.planes().get(usize::from(number)).copied() } else { None };
+        let (mut pixels, mut readings, mut before) = (0, 0, 0);
+        self.pixels(relief, column, row, |x, y, index| {
+            pixels += 1;
+            let Some(z) = self.buffers.farthest.get(index).and_then(|key| S::depth_of_key(*key, &self.coding)) else { return };
+            readings += 1;
+            if let Some(plane) = &plane {
+                let expected = plane.w.dot(&self.camera.deproject(x as f64, y as f64, 1.0));
+                before += u32::from(1.0 / z - expected > GATE * noise(1.0 / z));
+            }
+        });
+        if 2 * readings < pixels {
+            relief.show(column, row, Cell::Nothing);
+        } else if plane.is_none() || before >= BEFORE {
+            relief.show(column, row, self.nearest::<S>(relief, column, row));
+        }
+    }
+
+    /// The nearest thing that the background may be in a cell.
+    fn nearest<S: Sample>(&self, relief: &Relief, column: usize, row: usize) -> Cell {
+        let mut nearest = first_key_beyond::<S>(&self.coding);
+        self.pixels(relief, column, row, |_, _, index| nearest = nearest.min(self.buffers.limits.get(index).copied().unwrap_or(nearest)));
+        S::depth_of_key(nearest, &self.coding).map_or(Cell::Nothing, |z| Cell::Thing((z * 1e3) as u16))
+    }
+
+    /// Calls `look` with column, row and index of a cell's pixels, [`STRIDE`] apart.
+    fn pixels(&self, relief: &Relief, column: usize, row: usize, mut look: impl FnMut(usize, usize, usize)) {
+        let edge = relief.edge();
+        for y in (row * edge..(row + 1) * edge).step_by(STRIDE) {
+            (column * edge..(column + 1) * edge).step_by(STRIDE).for_each(|x| look(x, y, y * self.camera.width + x));
+        }
+    }
+}
+
+/// How many of a cell's eight neighbours show the plane of a number.
+fn neighbours(relief: &Relief, (column, row): (usize, usize), number: u8) -> usize {
+    let around = (row.saturating_sub(1)..=row + 1).flat_map(|row| (column.saturating_sub(1)..=column + 1).map(move |column| (column, row)));
+    around.filter(|place| *place != (column, row) && relief.cell(place.0, place.1) == Some(Cell::Plane(number))).count()
+}
