@@ -29,6 +29,5 @@ def test_what_a_machine_holds_is_active(active: tuple[float, float]) -> None:
     assert active[1] > 95.0
 
 
-@pytest.mark.xfail(reason="a tenth of what flies is told to be active: BENCHMARKS.md, Active or passive", strict=True)
 def test_what_a_machine_throws_is_passive(active: tuple[float, float]) -> None:
     assert active[0] < 5.0

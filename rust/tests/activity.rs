@@ -84,6 +84,43 @@ fn a_passive_throw_rarely_alarms_and_an_acceleration_is_seen() {
 }
 
 #[test]
+fn a_law_that_is_a_little_off_alarms_no_more_often() {
+    let tilted = |degrees: f64| Vec3::new(0.0, 9.81 * degrees.to_radians().sin(), -9.81 * degrees.to_radians().cos());
+    for (drag, gravity) in [(1.1, tilted(0.0)), (0.9, tilted(0.0)), (1.0, tilted(0.3)), (0.9, tilted(-0.3))] {
+        let off = |seed: u64| {
+            let mut throw = Throw::new(4_000_000 + seed);
+            (throw.drag, throw.gravity) = (throw.drag * drag, gravity);
+            throw
+        };
+        let alarms = (0..2000).filter(|i| first_active(&off(*i), 20, None, Method::Best).is_some()).count();
+        assert!(alarms <= 8, "drag times {drag}, gravity {gravity}: {alarms}");
+    }
+}
+
+#[test]
+fn one_wild_sample_of_many_begins_nothing_and_a_force_does() {
+    let mut config = config(LawName::FreeFall, SceneAssumption::Known);
+    config.laws.drag = false;
+    for (told, off) in [Some(1e-3), None].into_iter().flat_map(|told| [0.02, 0.05, 0.2, 1.0].map(|off| (told, off))) {
+        for (seed, own) in [(0, 0.0), (1, 0.0), (2, 0.0), (3, 0.0), (4, 4.0), (5, -4.0)] {
+            let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+            let positions: Vec<_> = (0..270)
+                .map(|i| {
+                    let t = f64::from(i) / 300.0;
+                    let late = (t - 0.5).max(0.0);
+                    let noise = Vec3::from_fn(|_, _| -> f64 { StandardNormal.sample(&mut random) }) * told.unwrap_or(1e-4);
+                    let wild = if i == 150 { Vec3::new(0.6, 0.0, 0.8) * off } else { Vec3::zeros() };
+                    let place = Vec3::new(t + 0.5 * own * late * late, 1.5, 0.5 + 4.5 * t - 4.905 * t * t);
+                    measurement(t, place + noise + wild, told.map(|sd| Mat3::from_diagonal_element(sd * sd)))
+                })
+                .collect();
+            let told = activities(&events(&config, &positions));
+            assert_eq!(passive(&told), own == 0.0, "{off} m off, seed {seed}: {told:?}");
+        }
+    }
+}
+
+#[test]
 fn a_ball_that_bounces_on_a_known_floor_is_passive_throughout() {
     for (scene, seeds) in [(SceneAssumption::Known, 0..10), (SceneAssumption::Unknown, 10..20)] {
         for seed in seeds {

@@ -81,11 +81,13 @@ impl Reasoning {
         let Some(track) = self.tracks.iter().find(|t| t.id == id) else { return };
         let samples = between(track.samples(), since, until);
         // Just after an impact a ball swings.
-        self.noise.learn(flight, law, between(samples, since + SETTLED, until));
+        let settled = between(samples, since + SETTLED, until);
+        self.noise.learn(flight, law, settled);
         // Under a user's own law gravity is known, and a force of its own is not gravity.
         if track.own.is_some() || track.activity.as_ref().is_some_and(|activity| !activity.is_passive(since, until)) {
             return;
         }
+        self.noise.learn_passive(law, settled, &self.gravity);
         let Some((information, vector)) = flight.gravity_information(law, samples) else { return };
         self.learn_gravity(&(information / flight.excess()), &(vector / flight.excess()), sink);
     }

@@ -6,7 +6,7 @@ use crate::math::{Vec3, exp, sqrt};
 use crate::physics::contact::Contact;
 use crate::physics::law::FreeFall;
 use crate::physics::onset::{LONGEST, Onset, Side};
-use crate::physics::sequential::Allowance;
+use crate::physics::sequential::{Allowance, OF_EXACT, OF_LOOSE};
 use crate::physics::{Sample, between};
 use crate::track::hypothesis::{LONGEST_BRIDGE, SWING, limit};
 use crate::track::interval::{Intervals, Told};
@@ -57,8 +57,10 @@ pub struct Decision {
     newest: f64,
     /// The present interval is passive, after one that was active.
     returned: bool,
-    /// Newest sample that a passive motion explained, s.
-    held: f64,
+    /// Newest sample that a passive motion explained, s, and which acceleration would have shown there, m/s² (standard deviation).
+    held: (f64, f64),
+    /// The same of the passive motions of this interval that are over.
+    shown: f64,
 }
 
 /// Where decisions go.
@@ -84,7 +86,8 @@ impl Decision {
             log_odds: 0.0,
             newest: f64::NEG_INFINITY,
             returned: false,
-            held: f64::NEG_INFINITY,
+            held: (f64::NEG_INFINITY, f64::INFINITY),
+            shown: f64::INFINITY,
         }
     }
 
@@ -123,6 +126,7 @@ impl Decision {
     /// From `t` (s) on the samples have nothing to do with those before.
     pub fn begin(&mut self, t: f64) {
         (self.since, self.ruled_out, self.wild) = (t, [None; MODES.len()], None);
+        (self.shown, self.held.1) = (self.shown.min(self.held.1), f64::INFINITY);
         if let Phase::Doubtful(..) = self.phase {
             self.phase = Phase::Passive;
         }
@@ -171,7 +175,7 @@ impl Decision {
         let (mut best, mut exceeded) = (None::<Explanation>, None::<Onset>);
         for (mode, ruled_out) in MODES.into_iter().zip(&mut self.ruled_out) {
             let Some(explained) = place.explain(mode, &stretch, Side::After).filter(|_| ruled_out.is_none()) else { continue };
-            if Allowance::is_exceeded(allowance, explained.onset.chi2) {
+            if explained.is_exceeded(allowance) {
                 *ruled_out = Some(explained.onset);
                 // The motion that held for longest tells best what is new.
                 exceeded = exceeded.filter(|e| e.time > explained.onset.time).or(Some(explained.onset));
@@ -180,13 +184,13 @@ impl Decision {
             }
         }
         if let Some(explained) = best {
-            (self.log_odds, self.held) = (explained.onset.log_odds, last.t);
+            (self.log_odds, self.held) = (explained.onset.log_odds, (last.t, explained.onset.sd));
             self.tied |= explained.hidden && self.ruled_out[Mode::Falling as usize].is_some();
             return;
         }
         // Where none is possible any more, gravity is overcome.
-        let lifted = place.lifted(&stretch).filter(|lifted| Allowance::is_exceeded(allowance, lifted.chi2));
-        let time = lifted.map_or(self.held, |lifted| lifted.time).min(self.held).max(first.t);
+        let lifted = place.lifted(&stretch).filter(|lifted| Allowance::is_exceeded(allowance, lifted.chi2, OF_EXACT));
+        let time = lifted.map_or(self.held.0, |lifted| lifted.time).min(self.held.0).max(first.t);
         let overcome = Onset { time, acceleration: -place.around.gravity.mean, chi2: f64::INFINITY, log_odds: 300.0, sd: 0.0 };
         self.phase = Phase::Doubtful(exceeded.unwrap_or(overcome), last.t, allowance);
     }
@@ -200,7 +204,7 @@ impl Decision {
         if gone || (later.len() > 2 && onset.chi2 > WILD) {
             let wild = Some(alarm);
             let stretch = self.stretch(samples, wild);
-            let holds = |mode| place.explain(mode, &stretch, Side::After).is_some_and(|e| !Allowance::is_exceeded(allowance, e.onset.chi2));
+            let holds = |mode| place.explain(mode, &stretch, Side::After).is_some_and(|e| !e.is_exceeded(allowance));
             let held = MODES.map(holds);
             if held.contains(&true) {
                 for (ruled_out, holds) in self.ruled_out.iter_mut().zip(held) {
@@ -242,12 +246,12 @@ impl Decision {
             ledger.intervals.assess(self.probability(false));
         }
         // With all samples since, it is known better.
-        let again = best(place, &stretch).map(|e| e.onset).filter(|o| onset.chi2.is_finite() && Allowance::is_exceeded(allowance, o.chi2));
-        let onset = again.unwrap_or(onset);
+        let again = best(place, &stretch).filter(|e| onset.chi2.is_finite() && e.is_exceeded(allowance));
+        let onset = again.map_or(onset, |e| e.onset);
         let strength = onset.acceleration.norm();
         self.log_odds = onset.log_odds;
         // What would not have shown in so short a rest was not over.
-        let rested = before.as_ref().is_some_and(|b| b.onset.sd < strength / TELLING);
+        let rested = before.as_ref().map_or(self.shown, |b| b.onset.sd.min(self.shown)) < strength / TELLING;
         let since = if self.returned && !rested { ledger.intervals.since() } else { f64::INFINITY };
         // The onset is the last sample without it, unless there is none.
         let without = stretch.first().is_some_and(|first| first.t < onset.time);
@@ -286,7 +290,7 @@ impl Decision {
         let boundary = ended.map_or(first.t, |e| e.onset.time.min(first.t));
         self.phase = Phase::Passive;
         self.begin(first.t);
-        (self.tied, self.returned, self.log_odds) = (found.hidden, true, found.onset.log_odds);
+        (self.tied, self.returned, self.log_odds, self.shown) = (found.hidden, true, found.onset.log_odds, f64::INFINITY);
         ledger.intervals.turn(boundary, false, self.probability(false), ledger.ids, ledger.told);
     }
 }
@@ -329,6 +333,12 @@ fn strikes(place: &Circumstances, before: &Explanation, impulse: &Vec3, from: f6
 }
 
 impl Explanation {
+    /// Whether what speaks against it is too much for a test that may spend `allowance`.
+    fn is_exceeded(&self, allowance: f64) -> bool {
+        let multiplicity = if self.mode == Mode::Falling { OF_LOOSE } else { OF_EXACT };
+        Allowance::is_exceeded(allowance, self.onset.chi2, multiplicity)
+    }
+
     /// Velocity at `t` (s), m/s.
     fn at(&self, place: &Circumstances, t: f64) -> Vec3 {
         let law = if self.mode == Mode::Falling { place.around.law } else { &FreeFall };

@@ -3,7 +3,9 @@
 use crate::math::sqrt;
 use crate::physics::Sample;
 use crate::physics::flight::Flight;
+use crate::physics::gravity::Gravity;
 use crate::physics::law::Law;
+use crate::physics::onset::LONGEST;
 use heapless::Vec;
 
 /// Third differences that the median is taken of.
@@ -18,6 +20,33 @@ const PRIOR_SD: f64 = 0.003;
 /// that comes and goes slowly.
 const CAUTION: (f64, f64) = (2.0, 0.001);
 
+/// What is off slowly in a tracker's positions (a marker on a ball that spins, axes that lean) stays alike for so long, s.
+pub const SLOWLY: f64 = 0.1;
+/// A flight shows it if it lasts so many times as long.
+const SHOWS: f64 = 4.0;
+
+/// Variances of flights, m².
+#[derive(Clone, Debug, Default)]
+struct Flights {
+    variances: Vec<f64, FLIGHTS>,
+    oldest: usize,
+}
+
+impl Flights {
+    fn push(&mut self, variance: f64) {
+        if self.variances.push(variance).is_err() {
+            self.variances[self.oldest] = variance;
+            self.oldest = (self.oldest + 1) % FLIGHTS;
+        }
+    }
+
+    fn median(&self) -> Option<f64> {
+        let mut sorted = self.variances.clone();
+        sorted.sort_unstable_by(f64::total_cmp);
+        sorted.get(sorted.len() / 2).copied()
+    }
+}
+
 /// Standard deviation of positions, m an axis.
 #[derive(Clone, Debug)]
 pub struct Noise {
@@ -25,15 +54,16 @@ pub struct Noise {
     differences: Vec<f64, MEMORY>,
     next: usize,
     smoothness: f64,
-    /// Variances of the last flights, m².
-    flights: Vec<f64, FLIGHTS>,
-    oldest: usize,
+    /// About flights of any acceleration.
+    flights: Flights,
+    /// About passive flights as gravity is known.
+    passive: Flights,
 }
 
 impl Noise {
     /// `told`: what the user knows, m.
     pub fn new(told: Option<f64>) -> Self {
-        Self { told, differences: Vec::new(), next: 0, smoothness: PRIOR_SD, flights: Vec::new(), oldest: 0 }
+        Self { told, differences: Vec::new(), next: 0, smoothness: PRIOR_SD, flights: Flights::default(), passive: Flights::default() }
     }
 
     /// Takes in the third difference of the last four samples: motion under any smooth force leaves none, white noise leaves √20 of its
@@ -64,11 +94,18 @@ impl Noise {
         if samples.len() < 8 {
             return;
         }
-        let squares: f64 = flight.residuals(law, samples).map(|residual| residual.norm_squared()).sum();
-        let variance = squares / (flight.dof() * samples.len() as f64 / flight.count as f64);
-        if self.flights.push(variance).is_err() {
-            self.flights[self.oldest] = variance;
-            self.oldest = (self.oldest + 1) % FLIGHTS;
+        self.flights.push(squares(flight, law, samples) / (flight.dof() * samples.len() as f64 / flight.count as f64));
+    }
+
+    /// Takes in the samples of a flight of which `gravity` is known, and that nothing else moved: as many as a test for such looks at.
+    pub fn learn_passive(&mut self, law: &dyn Law, samples: &[Sample], gravity: &Gravity) {
+        let samples = samples.get(samples.len().saturating_sub(LONGEST)..).unwrap_or(samples);
+        let [first, .., last] = samples else { return };
+        if samples.len() < 8 || last.t - first.t < SHOWS * SLOWLY {
+            return;
+        }
+        if let Some(flight) = Flight::fit(law, samples, gravity) {
+            self.passive.push(squares(&flight, law, samples) / flight.dof());
         }
     }
 
@@ -77,10 +114,8 @@ impl Noise {
         if let Some(told) = self.told {
             return (told, 0.0);
         }
-        let mut sorted = self.flights.clone();
-        sorted.sort_unstable_by(f64::total_cmp);
         let white = self.smoothness.max(1e-6);
-        (white, sorted.get(sorted.len() / 2).map_or(CAUTION.1, |variance| sqrt((variance - white * white).max(0.0))))
+        (white, self.passive.median().map_or(CAUTION.1, |variance| sqrt((variance - white * white).max(0.0))))
     }
 
     /// Standard deviation to weigh with: that of the median flight.
@@ -88,11 +123,35 @@ impl Noise {
         if let Some(told) = self.told {
             return told;
         }
-        let mut sorted = self.flights.clone();
-        sorted.sort_unstable_by(f64::total_cmp);
-        match sorted.get(sorted.len() / 2) {
-            Some(variance) => sqrt(*variance).max(self.smoothness).max(1e-6),
+        match self.flights.median() {
+            Some(variance) => sqrt(variance).max(self.smoothness).max(1e-6),
             None => (CAUTION.0 * self.smoothness).max(CAUTION.1),
         }
+    }
+}
+
+fn squares(flight: &Flight, law: &dyn Law, samples: &[Sample]) -> f64 {
+    flight.residuals(law, samples).map(|residual| residual.norm_squared()).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Vec3;
+    use crate::physics::law::FreeFall;
+
+    #[test]
+    fn what_is_off_slowly_is_told_by_long_flights_alone() {
+        let gravity = Gravity::known(Vec3::new(0.0, 0.0, -9.81));
+        let fly = |seconds: f64| -> std::vec::Vec<Sample> {
+            let of = |t: f64| Vec3::new(t, 0.0, 2.0 * t - 4.905 * t * t) + Vec3::new(libm::sin(12.0 * t), libm::cos(12.0 * t), 0.0) * 2e-3;
+            (0..(seconds * 100.0) as u32).map(|i| f64::from(i) / 100.0).map(|t| Sample::isotropic(t, of(t), 1e-3)).collect()
+        };
+        let mut noise = Noise::new(None);
+        (0..20).for_each(|_| noise.learn_passive(&FreeFall, &fly(0.3), &gravity));
+        assert_eq!(noise.passive.median(), None);
+        noise.learn_passive(&FreeFall, &fly(0.8), &gravity);
+        let slow = sqrt(noise.passive.median().unwrap());
+        assert!((0.5e-3..2e-3).contains(&slow), "{slow}");
     }
 }

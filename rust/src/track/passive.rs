@@ -8,14 +8,16 @@ use crate::physics::gravity::Gravity;
 use crate::physics::law::FreeFall;
 use crate::physics::onset::{LONGEST, Onset, Side, onset};
 use crate::track::hypothesis::Surroundings;
+use crate::track::noise::SLOWLY;
 use heapless::Vec;
 
 /// A drag coefficient is known to this part: tennis balls were measured at 0.507 ± 0.024 and at 0.55.
 const DRAG_SD: f64 = 0.1;
-/// How far up may be off, rad (standard deviation), in the axes of a tracker that tells no covariance: somebody levelled them.
+/// Lift across the way that spin may cause, as part of drag (standard deviation): a tennis ball's coefficient, 1 / (2.022 + 0.981 v / ω R), nears
+/// that of its drag, on either side, the faster it spins.
+const SPIN_SD: f64 = 0.5;
+/// How far up may be off, rad (standard deviation): somebody levelled the axes.
 const LEVEL_SD: f64 = 0.5_f64.to_radians();
-/// What is off slowly in a tracker's positions (a marker on a ball that spins, axes that lean) stays alike for so long, s.
-const SLOWLY: f64 = 0.1;
 /// Friction reaches μ g, with μ of rubber on a dry floor.
 const FRICTION: f64 = 1.0;
 /// Deceleration of what rolls or slides, m/s² (standard deviation).
@@ -124,13 +126,14 @@ impl<'a> Circumstances<'a> {
         samples.iter().map(|s| Sample { weight: weight(s), ..*s }).collect()
     }
 
-    /// Gravity as it is known. Where nobody told how good positions are, neither are axes and drag taken at their word.
+    /// Gravity as it is known, with what no covariance of a position tells: axes that lean, drag that is off, spin.
     fn fall(&self, samples: &[Sample]) -> Gravity {
         let (mean, covariance) = self.around.gravity.estimate();
         let (velocity, at) = mean_velocity(samples);
-        let drag = self.around.law.acceleration(&Vec3::zeros(), at.t, &at.position, &velocity).norm();
-        let (leaning, slowed) = self.untold.map_or((EXACT, 0.0), |_| (LEVEL_SD * mean.norm(), DRAG_SD * drag));
-        let spread = covariance + Mat3::from_diagonal_element(leaning * leaning + slowed * slowed);
+        let ahead = velocity.try_normalize(1e-9).unwrap_or_else(Vec3::zeros);
+        let drag = self.around.law.acceleration(&Vec3::zeros(), at.t, &at.position, &velocity).dot(&ahead);
+        let [leaning, slowed, curved] = [LEVEL_SD * mean.norm(), DRAG_SD * drag, SPIN_SD * drag].map(|sd| sd * sd);
+        let spread = covariance + Mat3::from_diagonal_element(leaning + curved) + ahead * ahead.transpose() * (slowed - curved);
         Gravity { mean, information: spread.try_inverse().unwrap_or_else(Mat3::zeros), size: None }
     }
 

@@ -26,6 +26,10 @@ pub struct Throw {
     direction: Vec3,
     /// Frame after which that begins.
     pub onset: u32,
+    /// m/s².
+    pub gravity: Vec3,
+    /// 1/m.
+    pub drag: f64,
 }
 
 impl Throw {
@@ -35,7 +39,8 @@ impl Throw {
         let position = Vec3::new(uniform(-0.4, 0.4), 1.5, uniform(0.5, 1.0));
         let velocity = Vec3::new(uniform(-1.5, 1.5), uniform(-0.5, 0.5), uniform(1.5, 4.0));
         let direction = Vec3::from_fn(|_, _| StandardNormal.sample(&mut random)).normalize();
-        Self { seed, position, velocity, direction, onset: 6 + (seed % 4) as u32 }
+        let gravity = Vec3::new(0.0, 0.0, -9.81);
+        Self { seed, position, velocity, direction, onset: 6 + (seed % 4) as u32, gravity, drag: DRAG }
     }
 
     /// `count` measured frames; with an acceleration (m/s²) of its own after the frame `onset`. Integrated in steps of a hundredth of a frame.
@@ -54,7 +59,7 @@ impl Throw {
                 let h = FRAME / f64::from(STEPS);
                 for _ in 0..STEPS {
                     let extra = own.filter(|_| i >= self.onset).map_or_else(Vec3::zeros, |a| self.direction * a);
-                    let force = |v: &Vec3| Vec3::new(0.0, 0.0, -9.81) - v * (DRAG * v.norm()) + extra;
+                    let force = |v: &Vec3| self.gravity - v * (self.drag * v.norm()) + extra;
                     let middle = v + force(&v) * (0.5 * h);
                     p += middle * h;
                     v += force(&middle) * h;
