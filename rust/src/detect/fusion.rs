@@ -8,14 +8,14 @@ use crate::math::Vec3;
 
 /// What is this many standard deviations off is another surface.
 const OFF: f32 = 3.0;
-/// Views that a cell remembers at the most: a second of a Kinect's.
+/// Views that a cell is the mean of at the most, a second of a Kinect's. It takes in no more: what stands still would drift with its own noise.
 const REMEMBERED: f32 = 30.0;
 
 impl Cloud {
     /// Takes in what `other` shows of the same surface, `other_from_self` away; its silhouette stays its own.
     pub fn fuse(&mut self, other: &Cloud, other_from_self: &Motion, noise: Noise) {
         let moved = Moved::new(other_from_self, &Vec3::zeros());
-        for cell in self.cells_mut().filter(|cell| cell.is_seen()) {
+        for cell in self.cells_mut().filter(|cell| cell.is_seen() && cell.views < REMEMBERED) {
             let p = moved.of(&cell.point);
             if p[2] <= 0.0 || !cell.has_normal() {
                 continue;

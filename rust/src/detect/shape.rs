@@ -188,8 +188,9 @@ impl Shape {
         let covariance = turned(&(by_motion * to_key.own), &back);
         let drift = turned(&(self.drift + by_motion * (1.0 - to_key.own)), &back);
         let (_, row) = camera.project(&center)?;
+        // Where nobody knows any more within its own size, it is not followed.
         let finite = center.iter().chain(covariance.iter()).all(|x| x.is_finite());
-        (finite && sqrt(by_motion.trace()) < self.radius).then_some(Detection {
+        (finite && sqrt((covariance + drift).trace()) < self.radius).then_some(Detection {
             center,
             covariance,
             drift,
