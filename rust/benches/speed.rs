@@ -12,6 +12,7 @@ use physinc::detect::{Blob, Detection};
 use physinc::engine::Engine;
 use physinc::geometry::camera::Camera;
 use physinc::kinect::disparity::Packing;
+use physinc::math::Mat3;
 use physinc::reasoning::Reasoning;
 use physinc::seeing::{Buffers, Image, Scope, Seeing};
 use physinc::sim::Scene;
@@ -83,6 +84,7 @@ fn measurement(time_ns: i64, detection: &Detection, reasoning: &Reasoning) -> Me
         time_ns,
         center: pose.to_world(&detection.center),
         covariance: Some(pose.covariance_to_world(&detection.covariance)),
+        drift: pose.covariance_to_world(&detection.drift),
         center_in_camera: Some(detection.center),
         label: None,
         radius: detection.radius,
@@ -188,6 +190,7 @@ fn reasoning_alone(config: &Config) {
                     time_ns: position.timestamp_ns,
                     center: position.center,
                     covariance: None,
+                    drift: Mat3::zeros(),
                     center_in_camera: None,
                     label: None,
                     radius: config.object.radius.as_slice()[0],

@@ -206,6 +206,7 @@ impl<'b> Engine<'b> {
                 time_ns: after(timestamp_ns, d.row * readout),
                 center: pose.to_world(&d.center),
                 covariance: Some(pose.covariance_to_world(&d.covariance)),
+                drift: pose.covariance_to_world(&d.drift),
                 center_in_camera: Some(d.center),
                 label: d.shape,
                 radius: d.radius,

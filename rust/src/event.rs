@@ -57,7 +57,8 @@ events! {
         center: [f64; 3],
         /// Center in the camera frame, m; `None` for positions.
         center_in_camera: Option<[f64; 3]>,
-        /// Of `center`, m².
+        /// Of `center`, m². Of any shape it includes what has drifted since its first view, which positions near in time have in common: they
+        /// differ by less.
         covariance: [[f64; 3]; 3],
         /// Pixels that took part.
         points: Option<u32>,

@@ -33,6 +33,7 @@ fn measured(t: f64, center: Vec3, label: u32) -> Measurement {
         time_ns: (t * 1e9) as i64,
         center,
         covariance: Some(Mat3::from_diagonal_element(SD * SD)),
+        drift: Mat3::zeros(),
         center_in_camera: None,
         label: Some(label),
         radius: 0.033,

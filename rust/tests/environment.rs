@@ -64,6 +64,7 @@ fn errors(seeds: core::ops::Range<u32>, ahead: usize) -> [Errors; 3] {
                 time_ns: now,
                 center: measured.center,
                 covariance: Some(Mat3::from_diagonal_element(NOISE * NOISE)),
+                drift: Mat3::zeros(),
                 center_in_camera: None,
                 label: Some(measured.ball as u32 + 1),
                 radius: 0.033,

@@ -136,6 +136,35 @@ fn covariances_are_honest() {
     }
 }
 
+/// What is left of the noise of one view after seven others were taken in: 1/√8 of it, and what their cells smooth.
+#[test]
+fn views_fused_into_one_err_less() {
+    let camera = camera();
+    let pose = Motion::about(&Vec3::zeros(), &Vec3::new(0.4, 0.5, 0.1), &Vec3::new(0.05, 0.02, 1.4));
+    for body in [car(), blob()] {
+        let (image, random) = (draw(&camera, &body, &pose), &mut Random::new(2100));
+        let exact = cloud(&camera, &image, true);
+        let error = |cloud: &Cloud| {
+            let apart = cloud.cells(1).filter(|cell| cell.is_seen()).filter_map(|cell| {
+                let z = 1.0 / exact.inverse_depth(exact.project(&cell.point))?;
+                Some(f64::from(z - cell.point[2]).powi(2))
+            });
+            let squares: Vec<f64> = apart.filter(|square| *square < 0.01 * 0.01).collect();
+            (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+        };
+        let mut fused = cloud(&camera, &disturb(&camera, &image, random), true);
+        let alone = error(&fused);
+        for _ in 0..7 {
+            fused.fuse(&cloud(&camera, &disturb(&camera, &image, random), true), &Motion::identity(), Noise::default());
+        }
+        println!("{:.2} mm alone, {:.2} mm fused", 1e3 * alone, 1e3 * error(&fused));
+        assert!(error(&fused) < 0.6 * alone, "{} m of {alone} m", error(&fused));
+        let view = cloud(&camera, &disturb(&camera, &image, random), true);
+        let own = |target: &Cloud| aligned(&view, target).expect("they lie on each other").own;
+        assert!((own(&view) - 0.5).abs() < 1e-3 && own(&fused) > 0.6, "{} {}", own(&view), own(&fused));
+    }
+}
+
 #[test]
 fn a_fifth_of_wild_surface_does_no_harm() {
     // Patches of one view that stand before it or behind.

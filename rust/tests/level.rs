@@ -45,6 +45,7 @@ fn stream(seed: u64, degrees: Option<f64>) -> Vec<Event> {
             time_ns: stamp,
             center: pose.to_world(&seen),
             covariance: Some(covariance),
+            drift: Mat3::zeros(),
             center_in_camera: Some(seen),
             label: None,
             radius: 0.033,

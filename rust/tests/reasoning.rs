@@ -16,6 +16,7 @@ fn measurement(time_ns: i64, center: [f64; 3], label: Option<u32>, variance: Opt
         time_ns,
         center: center.into(),
         covariance: variance.map(Mat3::from_diagonal_element),
+        drift: Mat3::zeros(),
         center_in_camera: None,
         label,
         radius: 0.033,

@@ -106,7 +106,7 @@ fn follow(camera: &Camera, body: &[Solid], poses: impl Iterator<Item = Motion>, 
         let (start, reference, number) = first.get_or_insert((pose, seen.center, id));
         assert_eq!(*number, id);
         let error = seen.center - pose.of(&start.inverse().of(reference));
-        nees += error.dot(&(seen.covariance.try_inverse().expect("a covariance") * error)) / 3.0;
+        nees += error.dot(&((seen.covariance + seen.drift).try_inverse().expect("a covariance") * error)) / 3.0;
         errors.push(error);
     }
     let squares: f64 = errors.iter().map(Vec3::norm_squared).sum();
@@ -334,7 +334,7 @@ fn simulated_things_are_followed() {
                     });
                     assert_eq!(known[mine].1, object.object, "{name}?seed={seed}, frame {index}");
                     let error = center - (Vec3::from(object.center) + rotation * known[mine].2);
-                    let covariance = world.covariance_to_world(&seen.covariance);
+                    let covariance = world.covariance_to_world(&(seen.covariance + seen.drift));
                     nees += error.dot(&(covariance.try_inverse().expect("a covariance") * error)) / 3.0;
                     known[mine].3 = error.norm();
                     squares += error.norm_squared();
@@ -351,6 +351,7 @@ fn simulated_things_are_followed() {
             nees / count
         );
         assert!(f64::from(ghosts) < 0.03 * count, "{name}: {ghosts} ghosts");
+        assert!((0.3..2.5).contains(&(nees / count)), "{name}: NEES {}", nees / count);
         assert!(rms < most && count > 0.9 * f64::from(in_view as u32), "{name}: {rms} m rms, {count} of {in_view}");
     }
 }

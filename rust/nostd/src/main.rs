@@ -102,6 +102,7 @@ fn feels_a_floor() -> Option<bool> {
             time_ns: (t * 1e9) as i64,
             center: Vec3::new(0.8 * t, 0.1 * t, z),
             covariance: Some(Mat3::identity() * 1e-6),
+            drift: Mat3::zeros(),
             center_in_camera: None,
             label: None,
             radius: 0.033,

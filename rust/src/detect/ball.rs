@@ -252,6 +252,7 @@ impl<S: Sample> View<'_, S> {
         Some(Detection {
             center: guess.center,
             covariance,
+            drift: Mat3::zeros(),
             radius: self.radius,
             points: evidence.points,
             residual_rms,

@@ -37,6 +37,8 @@ pub struct Cell {
     pub cover: f32,
     /// Unit normal, towards the camera; all 0 where it can't be told.
     pub normal: [f32; 3],
+    /// Views of which `point` is the mean; 0 where nothing is seen.
+    pub views: f32,
     /// 1/z of the surface in its middle, 1/m, or 0.
     inverse: f32,
 }
@@ -156,33 +158,37 @@ impl Cloud {
 
     /// Takes means, normals and the silhouette from what was added. `intact`: no samples are missing, so that where the object ends in the image
     /// it ends.
-    #[allow(clippy::large_stack_arrays)] // 36 KB while it runs.
+    #[allow(clippy::large_stack_arrays)] // 9 KB while it runs.
     pub fn finish(&mut self, intact: bool) {
         let least = (FILLED * (self.stride * self.stride) as f32).max(1.0);
-        // x/z, y/z and 1/z: that of a plane is linear in the first two. 1/z is 0 where nothing is seen.
-        let mut rays = [[0.0; 3]; CELLS];
         let mut covers = [0.0; CELLS];
         let area = (self.stride * self.stride) as f32;
-        for ((cell, ray), cover) in self.cells.iter_mut().zip(&mut rays).zip(&mut covers).take(self.rows * EDGE) {
+        for (cell, cover) in self.cells.iter_mut().zip(&mut covers).take(self.rows * EDGE) {
             let pixels = core::mem::take(&mut cell.cover);
             *cover = pixels / area;
-            if pixels >= least {
-                cell.point = cell.point.map(|sum| sum / pixels);
-                cell.inverse = 1.0 / cell.point[2];
-                *ray = [cell.point[0] * cell.inverse, cell.point[1] * cell.inverse, cell.inverse];
-            } else {
-                cell.point = [0.0; 3];
-            }
+            (cell.point, cell.views) = if pixels >= least { (cell.point.map(|sum| sum / pixels), 1.0) } else { ([0.0; 3], 0.0) };
         }
-        widest(
-            #[inline(always)]
-            || self.take_normals(&rays),
-        );
+        self.take_surface();
         self.blur(&covers);
         self.intact = intact;
         if intact {
             self.take_outline();
         }
+    }
+
+    /// Takes normals and depths of the surface from the cells' points.
+    #[allow(clippy::large_stack_arrays)] // 28 KB while it runs.
+    pub(super) fn take_surface(&mut self) {
+        // x/z, y/z and 1/z: that of a plane is linear in the first two. 1/z is 0 where nothing is seen.
+        let mut rays = [[0.0; 3]; CELLS];
+        for (cell, ray) in self.cells.iter_mut().zip(&mut rays).take(self.rows * EDGE) {
+            cell.inverse = if cell.is_seen() { 1.0 / cell.point[2] } else { 0.0 };
+            *ray = [cell.point[0] * cell.inverse, cell.point[1] * cell.inverse, cell.inverse];
+        }
+        widest(
+            #[inline(always)]
+            || self.take_normals(&rays),
+        );
     }
 
     /// Normals of planes through the cells around each, by least squares.
@@ -276,6 +282,11 @@ impl Cloud {
     pub fn cells(&self, step: usize) -> impl Iterator<Item = &Cell> {
         let lines = self.cells.chunks_exact(EDGE).take(self.rows).step_by(step);
         lines.flat_map(move |line| line.iter().take(self.columns).step_by(step))
+    }
+
+    /// All its cells, seen or not. After their points were changed, [`Cloud::take_surface`].
+    pub(super) fn cells_mut(&mut self) -> impl Iterator<Item = &mut Cell> {
+        self.cells.iter_mut().take(self.rows * EDGE)
     }
 
     /// Points of its silhouette, camera frame, m; none where something cuts it off.

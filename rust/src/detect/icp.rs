@@ -22,13 +22,13 @@ const LEVELS: [Level; 3] = [
 /// Fewer cells than this are not thinned.
 const THINNED: usize = 200;
 /// A step that is this part of its standard deviation ends a level; the finest goes on to the second.
-const SETTLED: (f64, f64) = (0.3, 0.02);
+const SETTLED: (f64, f64) = (0.3, 0.1);
 /// What is known before, as standard deviations of a round's step: it keeps a turn that can't be seen (of a ball) from running off. rad, m.
 const PRIOR: (f64, f64) = (0.5, 0.5);
 /// Cosine of the angle by which two normals of one surface may differ, by noise and by motion.
-const FACING: f32 = 0.3;
+pub(super) const FACING: f32 = 0.3;
 /// Cosine below which a surface is seen at a grazing angle, where noise is larger than along the ray.
-const GRAZING: f32 = 0.25;
+pub(super) const GRAZING: f32 = 0.25;
 /// A cell's plane leaves out what curves within it: this part of its length, as standard deviation.
 const BENT: f32 = 0.1;
 /// The rim of a round body is not the same line of it in both views: this part of its radius times the turn between them, all of it at once.
@@ -64,6 +64,8 @@ pub struct Alignment {
     pub inliers: u32,
     /// That as a part of the source's cells.
     pub overlap: f64,
+    /// What part of `covariance` is due to the source's noise: another view at its place shares the target's.
+    pub own: f64,
     /// Linearisations.
     pub iterations: u32,
 }
@@ -88,6 +90,8 @@ struct System {
     /// Σ weight · squared residual, and its expectation; Σ squared residual, m², and how many.
     squares: [f32; 2],
     distances: f32,
+    /// Σ weight of all equations over their variance, and of the source's part of that variance.
+    shares: [f32; 2],
     inliers: u32,
     seen: u32,
 }
@@ -104,6 +108,12 @@ impl System {
                 *product += weighted * other;
             }
         }
+    }
+
+    /// An equation with this weight, and what part of its variance is the source's.
+    #[inline(always)]
+    fn share(&mut self, weight: f32, own: f32) {
+        self.shares = [self.shares[0] + weight, self.shares[1] + weight * own];
     }
 
     fn gradient(&self) -> Vector6<f64> {
@@ -126,14 +136,14 @@ impl System {
 }
 
 /// A motion in the numbers of a cloud, about a pivot in the target's view.
-struct Moved {
+pub(super) struct Moved {
     rotation: [[f32; 3]; 3],
     translation: [f32; 3],
     pivot: [f32; 3],
 }
 
 impl Moved {
-    fn new(motion: &Motion, pivot: &Vec3) -> Self {
+    pub(super) fn new(motion: &Motion, pivot: &Vec3) -> Self {
         let row = |i: usize| [0, 1, 2].map(|j| motion.rotation[(i, j)] as f32);
         Self {
             rotation: [row(0), row(1), row(2)],
@@ -143,7 +153,7 @@ impl Moved {
     }
 
     #[inline(always)]
-    fn turned(&self, v: &[f32; 3]) -> [f32; 3] {
+    pub(super) fn turned(&self, v: &[f32; 3]) -> [f32; 3] {
         [dot(&self.rotation[0], v), dot(&self.rotation[1], v), dot(&self.rotation[2], v)]
     }
 
@@ -155,7 +165,7 @@ impl Moved {
     }
 
     #[inline(always)]
-    fn of(&self, p: &[f32; 3]) -> [f32; 3] {
+    pub(super) fn of(&self, p: &[f32; 3]) -> [f32; 3] {
         let turned = self.turned(p);
         [turned[0] + self.translation[0], turned[1] + self.translation[1], turned[2] + self.translation[2]]
     }
@@ -169,8 +179,15 @@ impl Moved {
 }
 
 #[inline(always)]
-fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
+pub(super) fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[inline(always)]
+fn mean_direction(a: &[f32; 3], b: &[f32; 3]) -> [f32; 3] {
+    let sum = [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
+    let length = crate::math::sqrtf(dot(&sum, &sum));
+    sum.map(|x| x / length)
 }
 
 /// Tukey's biweight of a residual whose square is this part of the cutoff's.
@@ -265,6 +282,7 @@ pub fn align(source: &Cloud, target: &Cloud, start: &Motion, noise: Noise, step:
         chi_square,
         inliers: system.inliers,
         overlap: f64::from(system.inliers) / f64::from(system.seen.max(1)),
+        own: f64::from(system.shares[1]) / f64::from(system.shares[0]).max(1e-30),
         iterations,
     })
 }
@@ -290,24 +308,28 @@ fn surfaces(
             continue;
         }
         let place = target.project(&p);
-        let Some(Cell { point: q, normal, .. }) = target.at(place).filter(|met| met.has_normal()) else { continue };
+        let Some(Cell { point: q, normal, views, .. }) = target.at(place).filter(|met| met.has_normal()) else { continue };
         if cell.has_normal() && dot(&moved.turned(&cell.normal), normal) < FACING {
             continue;
         }
+        // The mean of how both face: its noise is less, and between two points of a round surface it is the chord's.
+        let normal = if cell.has_normal() { mean_direction(&moved.turned(&cell.normal), normal) } else { *normal };
         // How much the surface faces the ray, and how far it is along the ray: by its cells, or by the plane of one.
-        let facing = dot(normal, &p) / p[2];
+        let facing = dot(&normal, &p) / p[2];
         let residual = match target.inverse_depth(place) {
             Some(inverse) => facing * (1.0 / inverse - p[2]),
-            None => dot(normal, &[q[0] - p[0], q[1] - p[1], q[2] - p[2]]),
+            None => dot(&normal, &[q[0] - p[0], q[1] - p[1], q[2] - p[2]]),
         };
         let axial = noise.axial(f64::from(q[2])) as f32 * facing.abs().max(GRAZING);
         let bent = weighing.bent * q[2];
-        // Of both views.
-        let variance = 2.0 * axial * axial + bent * bent;
+        let own = axial * axial / cell.views + 0.5 * bent * bent;
+        let variance = own + axial * axial / views + 0.5 * bent * bent;
         let square = residual * residual / variance;
         let weight = tukey(square / within);
         if weight > 0.0 {
-            system.add(&moved.jacobian(&p, normal), residual, weight * weighing.surface / variance);
+            let weighed = weight * weighing.surface / variance;
+            system.add(&moved.jacobian(&p, &normal), residual, weighed);
+            system.share(weighed, own / variance);
             system.squares = [system.squares[0] + weight * square, system.squares[1] + weight];
             system.distances += residual * residual;
             system.inliers += 1;
@@ -349,7 +371,9 @@ fn outlines(system: &mut System, source: &Cloud, target: &Cloud, moved: &Moved, 
         if weight > 0.0 {
             // x/z changes with depth as well.
             let n = [across[0], across[1], -(across[0] * p[0] + across[1] * p[1]) / p[2]];
-            system.add(&moved.jacobian(&p, &n), residual, weight / (variance / weighing.outline + weighing.rim * turn * turn));
+            let weighed = weight / (variance / weighing.outline + weighing.rim * turn * turn);
+            system.add(&moved.jacobian(&p, &n), residual, weighed);
+            system.share(weighed, 0.5);
         }
     }
 }

@@ -7,6 +7,7 @@ pub mod compare;
 pub mod components;
 pub mod equations;
 pub mod foreground;
+pub mod fusion;
 pub mod icp;
 pub mod noise;
 pub mod patch;
@@ -33,9 +34,11 @@ pub struct Detection {
     /// Center, camera frame, m. Of any shape: the point that was its middle when it was first seen, as far as could be told, carried along by its
     /// motion. What only its far side would tell of the middle (the mean of what is seen lies before it) is taken from a ball of its size.
     pub center: Vec3,
-    /// Of `center`, camera frame, m²; the noise's correlation between neighbouring pixels included. Of any shape: of the
-    /// motion since its keyframe; errors of keyframes before that are common to all that follows, and not in it.
+    /// Of `center`, camera frame, m², as this view's noise makes it; the noise's correlation between neighbouring pixels included.
     pub covariance: Mat3,
+    /// Of any shape: covariance of an error besides, camera frame, m², which its positions have in common: its first view's noise, and what each change
+    /// of keyframe added. Of where it is `covariance` + `drift` tells, of how it moved `covariance`. 0 of a ball.
+    pub drift: Mat3,
     /// The ball's radius, m; of any shape that of a ball that filled as many pixels when it was first seen.
     pub radius: f64,
     /// Pixels that took part in the fit.

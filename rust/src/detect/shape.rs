@@ -1,5 +1,5 @@
 //! A rigid thing of any shape, followed from view to view: its motion by ICP, frame to frame for a first guess, then against a keyframe, so that
-//! errors add up only from keyframe to keyframe.
+//! errors add up only from keyframe to keyframe. A keyframe knows the same surface from the views before and after it, too.
 
 use super::cloud::Cloud;
 use super::icp::{Alignment, align};
@@ -10,8 +10,8 @@ use crate::geometry::motion::Motion;
 use crate::math::{Mat3, Vec3, sqrt, symmetric};
 use crate::time::seconds_between;
 
-/// A view turned so far from the keyframe's, rad, becomes the next one: 15°. Surfaces come into view and rims wander.
-const TURNED: f64 = 0.26;
+/// A view turned so far from the keyframe's, rad, becomes the next one: 7.5°. Surfaces come into view and rims wander.
+const TURNED: f64 = 0.13;
 /// So does one of which less than this part lies on the keyframe;
 const FRESH: f64 = 0.75;
 /// and less than this is no longer the same thing, or not to be told.
@@ -49,6 +49,9 @@ pub struct Shape {
     pub radius: f64,
     /// Where its point of reference is in the keyframe's view, m.
     reference: Vec3,
+    /// Covariance of how far off it is there by now, and of the last position as its view's noise makes it, m².
+    drift: Mat3,
+    noise: Mat3,
     /// From the last view to the keyframe's.
     key_from_last: Motion,
     /// From the last view to the one before.
@@ -75,10 +78,12 @@ impl Shape {
         let (reference, radius) = (middle_of(key), key.radius());
         // As uncertain as another view from here would be.
         let itself = align(key, key, &Motion::identity(), noise, camera.code.step(reference.z))?;
-        let shape = Self {
+        let mut shape = Self {
             id,
             radius,
             reference,
+            drift: Mat3::zeros(),
+            noise: Mat3::zeros(),
             key_from_last: Motion::identity(),
             step_back: Motion::identity(),
             middle: key.mean(),
@@ -88,7 +93,9 @@ impl Shape {
             doubt: if key.pixels() as usize > 2 * noise.window[0] * noise.window[1] { 1 } else { DOUBT },
             spread: Factor::default(),
         };
-        shape.detection(key, &itself, camera).map(|_| shape)
+        let detection = shape.detection(key, &itself, camera)?;
+        (shape.drift, shape.noise) = (detection.covariance, detection.covariance);
+        Some(shape)
     }
 
     /// Whether it was seen often enough: noise does not come back at one place.
@@ -140,8 +147,8 @@ impl Shape {
             to_key
         } else {
             // It has turned away from its keyframe within one frame: the last view takes the keyframe's place.
-            self.reference = self.key_from_last.inverse().of(&self.reference);
-            self.key_from_last = Motion::identity();
+            let back = self.key_from_last.inverse();
+            self.renew(back.of(&self.reference), turned(&self.drift, &back) + self.noise);
             key.copy_from(last);
             to_last
         };
@@ -152,25 +159,41 @@ impl Shape {
         self.velocity = (seconds > 0.0).then(|| (middle - self.middle) / seconds);
         (self.middle, self.measured_ns, self.doubt) = (middle, now_ns, self.doubt.saturating_sub(1));
         self.step_back = to_last.target_from_source;
-        self.key_from_last = to_key.target_from_source;
+        (self.key_from_last, self.noise) = (to_key.target_from_source, detection.covariance);
         core::mem::swap(last, current);
-        if last.is_whole() && (to_key.target_from_source.angle() > TURNED || to_key.overlap < FRESH) {
-            key.copy_from(last);
-            (self.reference, self.key_from_last) = (detection.center, Motion::identity());
+        // Noise alone turns what shows no turn, as a ball: its part of the angle's square is not a turn.
+        let (angle, noise_of_turn) = (to_key.target_from_source.angle(), to_key.covariance.fixed_view::<3, 3>(0, 0).trace());
+        if last.is_whole() && (angle * angle - noise_of_turn > TURNED * TURNED || to_key.overlap < FRESH) {
+            // The next keyframe is this view, and what the present one knows of the same surface.
+            current.copy_from(last);
+            current.fuse(key, &self.key_from_last, noise);
+            core::mem::swap(key, current);
+            self.renew(detection.center, detection.drift + detection.covariance);
+        } else {
+            key.fuse(last, &self.key_from_last.inverse(), noise);
         }
         Some(detection)
+    }
+
+    /// The last view becomes the keyframe: where the point of reference is in it, m, and how far off it may be, m².
+    fn renew(&mut self, reference: Vec3, drift: Mat3) {
+        (self.reference, self.drift, self.key_from_last) = (reference, drift, Motion::identity());
     }
 
     /// What a view that is aligned to the keyframe tells.
     fn detection(&self, view: &Cloud, to_key: &Alignment, camera: &Camera) -> Option<Detection> {
         let back = to_key.target_from_source.inverse();
         let center = back.of(&self.reference);
-        let covariance = symmetric(&(back.rotation * to_key.covariance_at(&self.reference) * back.rotation.transpose()));
+        let by_motion = to_key.covariance_at(&self.reference);
+        let covariance = turned(&(by_motion * to_key.own), &back);
+        let drift = turned(&(self.drift + by_motion * (1.0 - to_key.own)), &back);
         let (_, row) = camera.project(&center)?;
+        // Where nobody knows any more within its own size, it is not followed.
         let finite = center.iter().chain(covariance.iter()).all(|x| x.is_finite());
-        (finite && sqrt(covariance.trace()) < self.radius).then_some(Detection {
+        (finite && sqrt((covariance + drift).trace()) < self.radius).then_some(Detection {
             center,
             covariance,
+            drift,
             radius: self.radius,
             points: view.pixels(),
             residual_rms: to_key.residual_rms,
@@ -179,6 +202,11 @@ impl Shape {
             shape: Some(self.id),
         })
     }
+}
+
+/// A covariance where a motion has brought it.
+fn turned(covariance: &Mat3, motion: &Motion) -> Mat3 {
+    symmetric(&(motion.rotation * covariance * motion.rotation.transpose()))
 }
 
 /// Pixels of a view as they would be at a depth of 1 m.

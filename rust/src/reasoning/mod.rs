@@ -283,7 +283,7 @@ impl Reasoning {
             frame,
             center: m.center.into(),
             center_in_camera: m.center_in_camera.map(Into::into),
-            covariance: rows(&m.covariance.unwrap_or_else(|| Mat3::from_diagonal_element(variance))),
+            covariance: rows(&(m.covariance.unwrap_or_else(|| Mat3::from_diagonal_element(variance)) + m.drift)),
             points: m.points,
             residual_rms: m.residual_rms,
         };
@@ -380,6 +380,7 @@ impl Reasoning {
             time_ns: track.epoch_ns,
             center: first.position,
             covariance: None,
+            drift: Mat3::zeros(),
             center_in_camera: None,
             label: track.label,
             radius: track.radius,

@@ -90,7 +90,7 @@ fn is_intact(area: &Area, width: usize, missing: &[Range<usize>]) -> bool {
 fn unmeasured(place: Vec3, radius: f64, pixels: u32, camera: &Camera, shape: Option<u32>, blob: Blob) -> Option<Detection> {
     let (_, row) = camera.project(&place)?;
     let covariance = Mat3::from_diagonal_element(radius * radius);
-    Some(Detection { center: place, covariance, radius, points: pixels, residual_rms: 0.0, row, blob, shape })
+    Some(Detection { center: place, covariance, drift: Mat3::zeros(), radius, points: pixels, residual_rms: 0.0, row, blob, shape })
 }
 
 impl Shapes {

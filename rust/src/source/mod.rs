@@ -247,5 +247,16 @@ pub fn measurement(
             return Err("a covariance must be positive definite, m²");
         }
     }
-    Ok(Measurement { time_ns, center, covariance, center_in_camera: None, label, radius, points: None, residual_rms: None, whole: true })
+    Ok(Measurement {
+        time_ns,
+        center,
+        covariance,
+        drift: Mat3::zeros(),
+        center_in_camera: None,
+        label,
+        radius,
+        points: None,
+        residual_rms: None,
+        whole: true,
+    })
 }

@@ -27,6 +27,9 @@ pub struct Measurement {
     pub center: Vec3,
     /// Of `center`, m²; `None` where nobody knows: then it is estimated from flights.
     pub covariance: Option<Mat3>,
+    /// Covariance, m², of an error besides that is common to measurements near in time, as a shape's drift is: it tells where the object is, and
+    /// leaves alone how it moves.
+    pub drift: Mat3,
     /// Center, camera frame, m; `None` where positions come without a camera.
     pub center_in_camera: Option<Vec3>,
     /// Number by which another tracker knows the object.

@@ -76,6 +76,7 @@ pub fn measurement(t: f64, center: Vec3, covariance: Option<Mat3>) -> Measuremen
         time_ns: (t * 1e9).round() as i64,
         center,
         covariance,
+        drift: Mat3::zeros(),
         center_in_camera: None,
         label: None,
         radius: 0.033,
