@@ -214,8 +214,10 @@ impl Decision {
                 return;
             }
         }
-        let strength = onset.acceleration.norm();
         let stretch = self.stretch(samples, None);
+        // An alarm comes early where noise exaggerates: what has come since knows better how strong it is.
+        let now = best(place, &stretch).map_or(f64::INFINITY, |e| e.onset.acceleration.norm());
+        let strength = onset.acceleration.norm().min(now);
         let before = best(place, between(&stretch, f64::NEG_INFINITY, onset.time + 1e-9));
         let mut may_clear_up = false;
         for (k, start) in stretch.iter().enumerate().filter(|(_, s)| s.t >= onset.time && s.t <= alarm.max(onset.time + IMPACT)) {
