@@ -4,7 +4,7 @@ use super::Seeing;
 use super::image::Source;
 use super::planes::{Sums, cells, find, middle, unclaimed};
 use super::structure::{GATE, noise};
-use crate::detect::foreground::{Sample, first_key_beyond};
+use crate::detect::foreground::{NO_KEY, Sample};
 use crate::detect::noise::Noise;
 use crate::geometry::camera::Camera;
 use crate::geometry::environment::{Cell, Relief};
@@ -96,12 +96,15 @@ impl Seeing<'_> {
         cells(relief).for_each(|(column, row)| self.look_closely::<S>(relief, column, row));
         for (column, row) in cells(relief) {
             let around = |number: u8| neighbours(relief, (column, row), number);
-            let most = (0..relief.planes().len() as u8).map(|number| (around(number), number)).max();
-            match (relief.cell(column, row), most) {
-                (Some(Cell::Plane(number)), _) if around(number) < NEIGHBOURS.0 => {
+            match relief.cell(column, row) {
+                Some(Cell::Plane(number)) if around(number) < NEIGHBOURS.0 => {
                     relief.show(column, row, self.nearest::<S>(relief, column, row));
                 }
-                (Some(Cell::Nothing), Some((count, number))) if count >= NEIGHBOURS.1 => relief.show(column, row, Cell::Plane(number)),
+                Some(Cell::Nothing) => {
+                    if let Some(number) = (0..relief.planes().len() as u8).find(|number| around(*number) >= NEIGHBOURS.1) {
+                        relief.show(column, row, Cell::Plane(number));
+                    }
+                }
                 _ => {}
             }
         }
@@ -130,8 +133,8 @@ impl Seeing<'_> {
             let Some(z) = self.buffers.farthest.get(index).and_then(|key| S::depth_of_key(*key, &self.coding)) else { return };
             readings += 1;
             if let Some(plane) = &plane {
-                let expected = plane.w.dot(&self.camera.deproject(x as f64, y as f64, 1.0));
-                before += u32::from(1.0 / z - expected > GATE * noise(1.0 / z));
+                let (q, expected) = (1.0 / z, plane.w.dot(&self.camera.deproject(x as f64, y as f64, 1.0)));
+                before += u32::from(q - expected > GATE * noise(q));
             }
         });
         if 2 * readings < pixels {
@@ -143,7 +146,7 @@ impl Seeing<'_> {
 
     /// The nearest thing that the background may be in a cell.
     fn nearest<S: Sample>(&self, relief: &Relief, column: usize, row: usize) -> Cell {
-        let mut nearest = first_key_beyond::<S>(&self.coding);
+        let mut nearest = NO_KEY;
         self.pixels(relief, column, row, |_, _, index| nearest = nearest.min(self.buffers.limits.get(index).copied().unwrap_or(nearest)));
         S::depth_of_key(nearest, &self.coding).map_or(Cell::Nothing, |z| Cell::Thing((z * 1e3) as u16))
     }
