@@ -70,16 +70,20 @@ impl Seeing<'_> {
         mut look: impl FnMut(&mut Relief, (usize, usize), &Vec3, f64),
     ) {
         let Camera { width, max_depth, .. } = self.camera;
-        for (column, row) in cells(relief) {
-            let (x, y) = middle(relief, column, row);
-            let (Some(limit), Some(shown)) = (self.buffers.limits.get(y * width + x), self.buffers.farthest.get(y * width + x)) else {
-                continue;
-            };
-            // What was learned is one of the farthest readings; this frame's errs to either side.
-            let now = source.part(y, x / 8 * 8..(x / 8 * 8 + 8).min(width)).get(x % 8).filter(|sample| sample.key(&self.coding) >= *limit);
-            let now = now.map(|sample| sample.depth(&self.coding, &self.buffers.depths)).filter(|z| *z > 0.0 && *z <= max_depth);
-            if let Some(z) = now.or_else(|| S::depth_of_key(*shown, &self.coding)) {
-                look(relief, (column, row), &self.camera.deproject(x as f64, y as f64, 1.0), 1.0 / z);
+        for row in 0..relief.rows() {
+            let y = middle(relief, 0, row).1;
+            let pixels = y * width..(y + 1) * width;
+            let (Some(limits), Some(shown)) = (self.buffers.limits.get(pixels.clone()), self.buffers.farthest.get(pixels)) else { return };
+            let now = source.glance(y, 0..width);
+            for column in 0..relief.columns() {
+                let x = middle(relief, column, row).0;
+                let (Some(limit), Some(shown), Some(now)) = (limits.get(x), shown.get(x), now.get(x)) else { continue };
+                // What was learned is one of the farthest readings; this frame's errs to either side.
+                let now = (now.key(&self.coding) >= *limit).then(|| now.depth(&self.coding, &self.buffers.depths));
+                let now = now.filter(|z| *z > 0.0 && *z <= max_depth);
+                if let Some(z) = now.or_else(|| S::depth_of_key(*shown, &self.coding)) {
+                    look(relief, (column, row), &self.camera.deproject(x as f64, y as f64, 1.0), 1.0 / z);
+                }
             }
         }
     }
@@ -126,20 +130,27 @@ impl Seeing<'_> {
     /// Whether a cell shows nothing, or something before its plane.
     fn look_closely<S: Sample>(&self, relief: &mut Relief, column: usize, row: usize) {
         let Some(shown) = relief.cell(column, row) else { return };
-        let plane = if let Cell::Plane(number) = shown { relief.planes().get(usize::from(number)).copied() } else { None };
+        let plane = if let Cell::Plane(number) = shown { relief.planes().get(usize::from(number)) } else { None };
+        // Beyond this inverse depth something stands before the plane, at the cell's first pixel; from pixel to pixel it changes evenly.
+        let edge = relief.edge();
+        let (left, top) = (column * edge, row * edge);
+        let first = plane.map(|plane| {
+            let q = plane.w.dot(&self.camera.deproject(left as f64, top as f64, 1.0));
+            (q + GATE * noise(q), plane.w.x / self.camera.fx, plane.w.y / self.camera.fy)
+        });
         let (mut pixels, mut readings, mut before) = (0, 0, 0);
         self.pixels(relief, column, row, |x, y, index| {
             pixels += 1;
             let Some(z) = self.buffers.farthest.get(index).and_then(|key| S::depth_of_key(*key, &self.coding)) else { return };
             readings += 1;
-            if let Some(plane) = &plane {
-                let (q, expected) = (1.0 / z, plane.w.dot(&self.camera.deproject(x as f64, y as f64, 1.0)));
-                before += u32::from(q - expected > GATE * noise(q));
+            if let Some((q, right, down)) = first {
+                before += u32::from(z * (q + right * (x - left) as f64 + down * (y - top) as f64) < 1.0);
             }
         });
+        let plane = plane.is_some();
         if 2 * readings < pixels {
             relief.show(column, row, Cell::Nothing);
-        } else if plane.is_none() || before >= BEFORE {
+        } else if !plane || before >= BEFORE {
             relief.show(column, row, self.nearest::<S>(relief, column, row));
         }
     }
