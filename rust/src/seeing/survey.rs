@@ -51,7 +51,8 @@ impl Seeing<'_> {
         let Survey::Begun(mut relief, block) = core::mem::replace(&mut self.survey, Survey::Over) else {
             let mut relief = Relief::new(&self.camera);
             self.sound(source, &mut relief, |relief, (column, row), _, q| relief.show(column, row, unclaimed(q)));
-            self.survey = Survey::Begun(relief, 0);
+            let shows_nothing = cells(&relief).all(|(column, row)| relief.cell(column, row) == Some(Cell::Nothing));
+            self.survey = if shows_nothing { Survey::Done(relief) } else { Survey::Begun(relief, 0) };
             return;
         };
         self.survey = if let Some(next) = find(&mut relief, &self.camera, block) {
