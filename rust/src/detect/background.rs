@@ -30,14 +30,24 @@ pub fn learn<S: Sample>(samples: &[S], coding: &Coding, beyond: u16, second: &mu
     widest(
         #[inline(always)]
         || {
-            for ((sample, second), farthest) in samples.iter().zip(second).zip(farthest) {
-                let key = sample.key(coding);
-                let key = if key < beyond { key + 1 } else { 0 };
-                *second = (*second).max(key.min(*farthest));
-                *farthest = (*farthest).max(key);
+            let chunks = samples.chunks(CHUNK).zip(second.chunks_mut(CHUNK).zip(farthest.chunks_mut(CHUNK)));
+            // Where nothing is seen, nothing is learned, and nothing has to come from memory.
+            for (samples, (second, farthest)) in chunks.filter(|(samples, _)| nearest(samples, coding) < beyond) {
+                for ((sample, second), farthest) in samples.iter().zip(second).zip(farthest) {
+                    let key = sample.key(coding);
+                    let key = if key < beyond { key + 1 } else { 0 };
+                    *second = (*second).max(key.min(*farthest));
+                    *farthest = (*farthest).max(key);
+                }
             }
         },
     );
+}
+
+/// The nearest key.
+#[inline(always)]
+fn nearest<S: Sample>(samples: &[S], coding: &Coding) -> u16 {
+    samples.iter().fold(NO_KEY, |nearest, sample| nearest.min(sample.key(coding)))
 }
 
 /// Turns what `frames` frames taught into limits and shown keys: both behind everything where there was nothing.
@@ -122,6 +132,9 @@ fn step(key: u16, shown: u16) -> u16 {
 /// instructions.
 #[inline(always)]
 fn drift<S: Sample>(samples: &[S], coding: &Coding, beyond: u16, limits: &mut [u16], shown: &mut [u16], strangers: &[Stranger]) -> bool {
+    if nearest(samples, coding) >= beyond {
+        return true;
+    }
     let calm = (samples.iter().zip(&*limits).zip(&*shown)).fold(true, |calm, ((sample, limit), shown)| {
         let key = sample.key(coding);
         calm & ((key >= beyond) | is_near(key, *limit, *shown))
