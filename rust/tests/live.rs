@@ -47,7 +47,7 @@ fn watch(live: &mut Live, frames: u64, mut sink: impl FnMut(i64, &[u16])) {
             let before = counting::so_far();
             assert!(warm.is_none_or(|warm| warm == before), "{} allocations", before - warm.unwrap_or(0));
             sink(stamp_ns, &samples);
-            warm = (assembler.counters().frames > 5).then(|| counting::so_far());
+            warm = (assembler.counters().frames > 5).then(counting::so_far);
         }
     }
     let counters = assembler.counters();
