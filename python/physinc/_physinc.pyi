@@ -790,7 +790,8 @@ class Track:
     def predict(self, t: float | None = None, *, timestamp_ns: int | None = None) -> tuple[_Array, _Array]:
         """Where it will be by the laws of physics: center [3] (m, world) and covariance [3, 3] (m²).
 
-        Where the environment is known, told or seen behind all objects, it bounces off what it meets there and rolls where it bounces no more.
+        Where the environment is known, told or seen behind all objects, it bounces off what it meets there, and rolls where it bounces no
+        more.
         `t` is in seconds on the stream's clock, `timestamp_ns` the same in ns.
         """
 
