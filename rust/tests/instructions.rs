@@ -75,9 +75,11 @@ fn work() {
     let object = ObjectConfig::default();
     let mut seeing = Seeing::new(&camera, &object, BACKGROUND_FRAMES as u32, Buffers::owned(WIDTH, HEIGHT)).expect("its buffers");
     let mut detections = heapless::Vec::new();
-    for packed in &frames {
+    // The background is learned from some frames, and surveyed in some more.
+    for packed in frames.iter().chain(std::iter::repeat_n(&frames[0], 20)) {
         seeing.see(Image::Packed { packed, packing: Packing::Eleven }, &mut detections).expect("the camera's image");
     }
+    assert!(seeing.surveyed().is_some());
     let balls: Vec<_> = (0..BALLS)
         .map(|i| {
             let center = Vec3::new(-0.2 + 0.0613 * i as f64, 0.1 - 0.0417 * i as f64, 1.5);
