@@ -170,7 +170,7 @@ class StreamStarted:
         """The camera; `None` for positions."""
     @property
     def world_from_camera(self) -> _Array:
-        """The pose that fixes the stream's world, 4×4."""
+        """The pose that fixes the stream's world [4, 4]."""
     def to_dict(self) -> dict[str, Any]:
         """As plain Python values, the same as in JSON."""
     def to_json(self) -> str:
@@ -202,13 +202,16 @@ class Position:
         """Index of the frame as delivered, from 0."""
     @property
     def center(self) -> _Array:
-        """Center in the world, m."""
+        """Center in the world [3], m."""
     @property
     def center_in_camera(self) -> _Array | None:
-        """Center in the camera frame, m; `None` for positions."""
+        """Center in the camera frame [3], m; `None` for positions."""
     @property
     def covariance(self) -> _Array | None:
-        """Of `center`, m²; None where nobody knows."""
+        """Of `center` [3, 3], m²; None where nobody knows.
+
+        Of any shape it includes what has drifted since its first view, which positions near in time have in common: they differ by less.
+        """
     @property
     def points(self) -> int | None:
         """Pixels that took part."""
@@ -298,10 +301,10 @@ class Inconsistency:
         """Nothing will replace it."""
     @property
     def predicted(self) -> _Array:
-        """Center by the laws of physics, world, m."""
+        """Center by the laws of physics [3], world, m."""
     @property
     def measured(self) -> _Array:
-        """Center as measured, world, m."""
+        """Center as measured [3], world, m."""
     @property
     def distance(self) -> float:
         """Between the two, m."""
@@ -360,25 +363,25 @@ class Contact:
         """Standard deviation of `time_ns`, s."""
     @property
     def center(self) -> _Array:
-        """Center of the ball at first touch, world, m."""
+        """Center of the ball at first touch [3], world, m."""
     @property
     def point(self) -> _Array | None:
-        """Where it touched: center − radius · normal, world, m."""
+        """Where it touched [3]: center − radius · normal, world, m."""
     @property
     def covariance(self) -> _Array:
-        """Of `center`, m²."""
+        """Of `center` [3, 3], m²."""
     @property
     def normal(self) -> _Array | None:
-        """Unit normal of the surface, to the side the ball came from, world."""
+        """Unit normal of the surface [3], to the side the ball came from, world."""
     @property
     def direction(self) -> _Array | None:
-        """The paper's: normalised mean of the two unit tangents along the motion; `None` where they cancel."""
+        """The paper's [3]: normalised mean of the two unit tangents along the motion; `None` where they cancel."""
     @property
     def velocity_before(self) -> _Array | None:
-        """At first touch, world, m/s."""
+        """At first touch [3], world, m/s."""
     @property
     def velocity_after(self) -> _Array | None:
-        """At last touch, world, m/s."""
+        """At last touch [3], world, m/s."""
     @property
     def restitution(self) -> float | None:
         """Speed away from the surface over speed into it."""
@@ -430,13 +433,13 @@ class Surface:
         """As configured."""
     @property
     def normal(self) -> _Array:
-        """Unit normal, to the contacts' side, world."""
+        """Unit normal [3], to the contacts' side, world."""
     @property
     def offset(self) -> float:
         """normal · p = offset, m."""
     @property
     def covariance(self) -> _Array | None:
-        """Of (normal, offset), 4×4."""
+        """Of (normal, offset) [4, 4], units of normal 1 and of offset m."""
     @property
     def tilt(self) -> float | None:
         """Angle between the normal and up, rad."""
@@ -448,7 +451,7 @@ class Surface:
         """How many contacts it rests on."""
     @property
     def outline(self) -> _Array | None:
-        """Convex hull of the touched points on the plane, world, m."""
+        """Convex hull of the touched points on the plane [N, 3], world, m."""
     @property
     def above(self) -> Above | None:
         """The parallel surface below it."""
@@ -485,7 +488,7 @@ class CameraOrientation:
         """Unique among camera orientations."""
     @property
     def gravity_in_camera(self) -> _Array:
-        """Measured acceleration without drag, its length kept, camera frame, m/s²."""
+        """Measured acceleration without drag [3], its length kept, camera frame, m/s²."""
     @property
     def roll(self) -> float:
         """atan2(gx, gy), rad."""
@@ -494,7 +497,7 @@ class CameraOrientation:
         """atan2(−gz, √(gx² + gy²)), rad."""
     @property
     def covariance(self) -> _Array:
-        """Of `gravity_in_camera`, (m/s²)²."""
+        """Of `gravity_in_camera` [3, 3], (m/s²)²."""
     @property
     def flights(self) -> int:
         """Flights that it rests on."""
@@ -534,10 +537,10 @@ class CameraMotion:
         """Index of the frame, as delivered, from 0."""
     @property
     def displacement(self) -> _Array:
-        """Of the optical center since the first frame, world axes, m."""
+        """Of the optical center since the first frame [3], world axes, m."""
     @property
     def covariance(self) -> _Array:
-        """Of `displacement`, m²; as far as what is `undetermined` is as was assumed."""
+        """Of `displacement` [3, 3], m²; as far as what is `undetermined` is as was assumed."""
     @property
     def undetermined(self) -> list[_Undetermined]:
         """What neither objects nor static structure tell of it."""
@@ -608,10 +611,10 @@ class LevelDisagreement:
         """Nothing will replace it."""
     @property
     def gravity_in_camera(self) -> _Array:
-        """As the flights show it, camera frame, m/s²."""
+        """As the flights show it [3], camera frame, m/s²."""
     @property
     def gravity_by_accelerometer(self) -> _Array:
-        """As the accelerometer tells it, camera frame, m/s²."""
+        """As the accelerometer tells it [3], camera frame, m/s²."""
     @property
     def angle(self) -> float:
         """Between the two, rad."""
@@ -1041,7 +1044,7 @@ class ContactFit:
         """Unit normal [3], to the side the ball came from: as given, or as this contact alone shows it."""
     @property
     def direction(self) -> _Array | None:
-        """The paper's: normalised mean of the two unit tangents along the motion [3]; `None` where they cancel."""
+        """The paper's [3]: normalised mean of the two unit tangents along the motion [3]; `None` where they cancel."""
     @property
     def velocity_before(self) -> _Array:
         """At first touch [3], m/s."""

@@ -1,5 +1,5 @@
 //! Active or passive: false alarms and detection beside the paper's θ, `cargo bench --bench activity -- [TRACKS]`; what
-//! `physics::sequential::OF_LOOSE` must be, `cargo bench --bench activity -- calibrate [TRACKS]`.
+//! `physics::sequential::OF_LOOSE` rests on, `cargo bench --bench activity -- calibrate [TRACKS]`.
 
 #[path = "../tests/throws/mod.rs"]
 mod throws;

@@ -84,7 +84,7 @@ mod under_virtual {
     use super::*;
 
     #[test]
-    #[ignore = "it needs a Kinect"]
+    #[ignore = "run by the tests above, under the virtual Kinect that VIRTUAL_KINECT names (`make virtual`)"]
     fn every_frame() {
         let mut live = Live::open("kinect", &CameraConfig::default()).expect("it is there");
         let scene = Scene::parse_for_packets("bounce").expect("a scene");
@@ -107,7 +107,7 @@ mod under_virtual {
     }
 
     #[test]
-    #[ignore = "it needs a Kinect"]
+    #[ignore = "run by the tests above, under the virtual Kinect that VIRTUAL_KINECT names (`make virtual`)"]
     fn busy() {
         let error = Live::open("kinect", &CameraConfig::default()).err().expect("another has it");
         let SourceError::Device(DeviceError { problem: Problem::Busy { holders, .. }, .. }) = &error else { panic!("{error}") };
@@ -115,7 +115,7 @@ mod under_virtual {
     }
 
     #[test]
-    #[ignore = "it needs a Kinect"]
+    #[ignore = "run by the tests above, under the virtual Kinect that VIRTUAL_KINECT names (`make virtual`)"]
     fn denied() {
         let error = Live::open("kinect", &CameraConfig::default()).err().expect("it may not");
         let SourceError::Device(DeviceError { problem: Problem::Denied { node }, .. }) = &error else { panic!("{error}") };
@@ -123,7 +123,7 @@ mod under_virtual {
     }
 
     #[test]
-    #[ignore = "it needs a Kinect"]
+    #[ignore = "run by the tests above, under the virtual Kinect that VIRTUAL_KINECT names (`make virtual`)"]
     fn video() {
         for (name, shape) in [("kinect?video=color", 640 * 480), ("kinect?video=infrared", 640 * 488)] {
             let mut live = Live::open(name, &CameraConfig::default()).expect("it is there");
@@ -144,7 +144,7 @@ mod under_virtual {
     }
 
     #[test]
-    #[ignore = "it needs a Kinect"]
+    #[ignore = "run by the tests above, under the virtual Kinect that VIRTUAL_KINECT names (`make virtual`)"]
     fn again_and_again() {
         let mut live = Live::open("kinect", &CameraConfig::default()).expect("it is there");
         live.wait_for_return(Duration::from_secs(20));

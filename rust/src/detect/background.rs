@@ -4,7 +4,7 @@
 
 #![allow(clippy::inline_always)] // So that loops are compiled for the registers of `widest`.
 
-use super::foreground::{Coding, NO_KEY, Sample, first_key_beyond, key_at};
+use super::foreground::{Coding, NO_KEY, Sample, first_key_beyond, key_at, nearest};
 use super::noise::Noise;
 use crate::simd::widest;
 use core::ops::Range;
@@ -42,12 +42,6 @@ pub fn learn<S: Sample>(samples: &[S], coding: &Coding, beyond: u16, second: &mu
             }
         },
     );
-}
-
-/// The nearest key.
-#[inline(always)]
-fn nearest<S: Sample>(samples: &[S], coding: &Coding) -> u16 {
-    samples.iter().fold(NO_KEY, |nearest, sample| nearest.min(sample.key(coding)))
 }
 
 /// Turns what `frames` frames taught into limits and shown keys: both behind everything where there was nothing.

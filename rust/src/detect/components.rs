@@ -8,11 +8,12 @@ use core::ops::Range;
 /// Pixels looked at together where most show nothing.
 pub const CHUNK: usize = 32;
 
-/// Whether a row's samples are at hand, and the chunks of it that show foreground, a bit each.
+/// Of a row: whether its samples are at hand, and which of its chunks show foreground.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Marks {
-    /// Whether they are.
-    pub looked_at: bool,
+    /// Whether its samples are.
+    pub at_hand: bool,
+    /// A bit each.
     chunks: u64,
 }
 
@@ -29,7 +30,7 @@ impl Marks {
         let marks =
             whole.fold(0, |marks, (i, (samples, limits))| marks | u64::from(any_below(samples, limits, coding)) << ((first + i) >> shift));
         let marks = marks | u64::from(any_below(rest, limit_rest, coding)) << ((first + chunks.len()) >> shift).min(63);
-        Self { looked_at: true, chunks: marks }
+        Self { at_hand: true, chunks: marks }
     }
 
     /// Whether the row shows no foreground.

@@ -99,6 +99,13 @@ impl Sample for f32 {
     }
 }
 
+/// The nearest key of some samples.
+#[inline(always)]
+#[allow(clippy::inline_always)] // So that it is compiled for its caller's registers.
+pub fn nearest<S: Sample>(samples: &[S], coding: &Coding) -> u16 {
+    samples.iter().fold(NO_KEY, |nearest, sample| nearest.min(sample.key(coding)))
+}
+
 /// The first key that shows depth `z` (m) or more.
 pub fn key_at<S: Sample>(z: f64, coding: &Coding) -> u16 {
     first_key(|key| S::depth_of_key(key, coding).is_none_or(|depth| depth >= z))
@@ -160,8 +167,8 @@ impl<S: Sample> Frame<'_, S> {
     #[inline]
     pub fn row(&self, row: usize, columns: Range<usize>) -> Option<(&[S], &[u16])> {
         let Area { rows, columns: within } = &self.at_hand;
-        let looked_at = row.checked_sub(rows.start).and_then(|row| self.marks.get(row)).is_some_and(|marks| marks.looked_at);
-        if !looked_at || columns.start < within.start || columns.end > within.end {
+        let at_hand = row.checked_sub(rows.start).and_then(|row| self.marks.get(row)).is_some_and(|marks| marks.at_hand);
+        if !at_hand || columns.start < within.start || columns.end > within.end {
             self.asked_beyond.set(true);
             return None;
         }
@@ -201,7 +208,7 @@ impl<S: Sample> Frame<'_, S> {
             self.asked_beyond.set(asked);
             return true;
         };
-        let nearest = samples.iter().fold(NO_KEY, |nearest, sample| nearest.min(sample.key(&self.coding)));
+        let nearest = nearest(samples, &self.coding);
         let limit = limits.iter().fold(NO_KEY, |nearest, limit| nearest.min(*limit));
         nearest < before || limit < behind
     }

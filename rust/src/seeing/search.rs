@@ -64,7 +64,7 @@ impl Seeing<'_> {
                             fetch(limits_of(row + 2 * stride));
                         }
                         *marks = Marks::of(source.glance(row, columns.clone()), limits_of(row), columns.start, width, coding);
-                        marks.looked_at = false;
+                        marks.at_hand = false;
                     }
                 }
                 for seen in (0..marks.len()).filter(|i| (rows.start + i) % stride == 0) {
@@ -72,7 +72,7 @@ impl Seeing<'_> {
                         continue;
                     }
                     for (i, marks) in marks.iter_mut().enumerate().take(seen + AROUND + 1).skip(seen.saturating_sub(AROUND)) {
-                        if !marks.looked_at {
+                        if !marks.at_hand {
                             let row = rows.start + i;
                             *marks = Marks::of(source.part(row, columns.clone()), limits_of(row), columns.start, width, coding);
                         }

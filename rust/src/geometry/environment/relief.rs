@@ -75,6 +75,11 @@ impl Relief {
         self.columns
     }
 
+    /// Rows of cells.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
     /// The planes by their numbers.
     pub fn planes(&self) -> &[Plane] {
         &self.planes
@@ -83,11 +88,6 @@ impl Relief {
     /// The planes by their numbers, to be learned.
     pub fn planes_mut(&mut self) -> &mut Vec<Plane, { Relief::PLANES }> {
         &mut self.planes
-    }
-
-    /// Rows of cells.
-    pub fn rows(&self) -> usize {
-        self.rows
     }
 
     /// The cell in a column and row of cells.
