@@ -49,6 +49,8 @@ pub trait Sample: Copy {
     fn depth(self, coding: &Coding, depths: &[f32]) -> f64;
     /// The depth of a key, m, if it has one within the camera's `max_depth`.
     fn depth_of_key(key: u16, coding: &Coding) -> Option<f64>;
+    /// The same, 0 where there is none; `depths` is the table that [`Coding::tabulate`] fills.
+    fn depth_at(key: u16, coding: &Coding, depths: &[f32]) -> f64;
     /// The change of depth over one key at depth `z`, m.
     fn step(z: f64, coding: &Coding) -> f64;
 }
@@ -72,6 +74,12 @@ impl Sample for u16 {
         coding.code.depth(sample).filter(|z| *z <= coding.max_depth)
     }
 
+    #[inline]
+    fn depth_at(key: u16, coding: &Coding, depths: &[f32]) -> f64 {
+        let z = (key.wrapping_sub(coding.offset) ^ coding.flip).depth(coding, depths);
+        if z <= coding.max_depth { z } else { 0.0 }
+    }
+
     fn step(z: f64, coding: &Coding) -> f64 {
         coding.code.step(z)
     }
@@ -92,6 +100,11 @@ impl Sample for f32 {
     fn depth_of_key(key: u16, coding: &Coding) -> Option<f64> {
         let z = (f64::from(key) + 1.0) * coding.max_depth / f64::from(FLOAT_KEYS);
         (z <= coding.max_depth).then_some(z)
+    }
+
+    #[inline]
+    fn depth_at(key: u16, coding: &Coding, _: &[f32]) -> f64 {
+        Self::depth_of_key(key, coding).unwrap_or(0.0)
     }
 
     fn step(_: f64, coding: &Coding) -> f64 {

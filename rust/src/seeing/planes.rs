@@ -11,8 +11,8 @@ use crate::math::{Mat3, Vec3};
 const BLOCKS: [usize; 2] = [12, 4];
 /// Blocks that may grow in one frame.
 const A_FRAME: u32 = 6;
-/// Times that a plane grows.
-const GROWTHS: u32 = 5;
+/// Each time that a plane grows, every so manyth cell counts.
+const GROWTHS: [usize; 5] = [3, 3, 3, 3, 1];
 /// A plane is seen by this part of all cells, at least.
 const SMALLEST: f64 = 0.008;
 /// While planes are looked for, cells that none has claimed hold the inverse depth in their middle, in this unit, 1/m.
@@ -59,8 +59,9 @@ pub(super) fn find(relief: &mut Relief, camera: &Camera, mut block: usize) -> Op
         let view = View::new(relief, camera);
         let Some(mut plane) = view.seed(first, size) else { continue };
         grown += 1;
-        for _ in 0..GROWTHS {
-            plane = view.fit(&plane, cells(relief)).map_or(plane, |(plane, _)| plane);
+        // Some of the cells tell where it goes, all of them where it is.
+        for stride in GROWTHS {
+            plane = view.fit(&plane, cells(relief).step_by(stride)).map_or(plane, |(plane, _)| plane);
         }
         // What only meets a plane does so along a line.
         let fits = |(column, row): &(usize, usize)| view.fits(&plane, *column, *row);

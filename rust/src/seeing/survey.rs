@@ -82,7 +82,7 @@ impl Seeing<'_> {
                 // What was learned is one of the farthest readings; this frame's errs to either side.
                 let now = (now.key(&self.coding) >= *limit).then(|| now.depth(&self.coding, &self.buffers.depths));
                 let now = now.filter(|z| *z > 0.0 && *z <= max_depth);
-                if let Some(z) = now.or_else(|| S::depth_of_key(*shown, &self.coding)) {
+                if let Some(z) = now.or_else(|| Some(S::depth_at(*shown, &self.coding, &self.buffers.depths)).filter(|z| *z > 0.0)) {
                     look(relief, (column, row), &self.camera.deproject(x as f64, y as f64, 1.0), 1.0 / z);
                 }
             }
@@ -142,10 +142,11 @@ impl Seeing<'_> {
         let (mut pixels, mut readings, mut before) = (0, 0, 0);
         self.pixels(relief, column, row, |x, y, index| {
             pixels += 1;
-            let Some(z) = self.buffers.farthest.get(index).and_then(|key| S::depth_of_key(*key, &self.coding)) else { return };
-            readings += 1;
+            let z = self.buffers.farthest.get(index).map_or(0.0, |key| S::depth_at(*key, &self.coding, &self.buffers.depths));
+            readings += u32::from(z > 0.0);
             if let Some((q, right, down)) = first {
-                before += u32::from(z * (q + right * (x - left) as f64 + down * (y - top) as f64) < 1.0);
+                let edge = z * (q + right * (x - left) as f64 + down * (y - top) as f64);
+                before += u32::from(z > 0.0 && edge < 1.0);
             }
         });
         let plane = plane.is_some();
