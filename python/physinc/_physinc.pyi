@@ -181,7 +181,11 @@ class StreamStarted:
 
 @final
 class Position:
-    """An object was seen here."""
+    """An object was seen here.
+
+    Made by a user it is input for a stream: `center` and `covariance` in the world frame, m and m². A center with NaN says that it
+    wasn't seen at that instant.
+    """
 
     def __new__(cls, timestamp_ns: int, center: ArrayLike, covariance: ArrayLike | None = None, track: int | None = None) -> Self: ...
     __match_args__ = ("frame", "center", "center_in_camera", "covariance", "points", "residual_rms")
@@ -810,10 +814,10 @@ class Frame:
         """Its index as delivered, from 0."""
     @property
     def depth_mm(self) -> NDArray[np.uint16]:
-        """Depth [H, W], mm; 0 where there is no reading."""
+        """Depth [H, W], uint16, mm; 0 where there is no reading."""
     @property
     def disparity(self) -> NDArray[np.uint16] | None:
-        """What the camera sent [H, W]: raw disparity, 2047 where there is no reading; `None` where its images are depth."""
+        """What the camera sent [H, W], uint16: raw disparity, 2047 where there is no reading; `None` where its images are depth."""
 
 @final
 class VideoFrame:
@@ -824,7 +828,7 @@ class VideoFrame:
         """Its stamp, ns on the stream's clock."""
     @property
     def kind(self) -> Literal["color", "infrared"]:
-        """Which camera's."""
+        """Which camera's: "color" or "infrared"."""
     @property
     def pixels(self) -> NDArray[np.uint8] | NDArray[np.uint16]:
         """The image.
@@ -844,9 +848,9 @@ class Stream:
     def __enter__(self) -> Self: ...
     def __exit__(self, *_exception: object) -> None: ...
     def close(self) -> None:
-        """Stop reading; no more events."""
+        """Stops reading; no more events. A device can be opened again afterwards, and a recording is complete."""
     def interrupt(self) -> None:
-        """End the stream as Ctrl-C does: what is known becomes final, and `stream_ended` is the last event."""
+        """Ends the stream as Ctrl-C does: what is known becomes final, and `stream_ended` is the last event."""
     @property
     def stats(self) -> Counters:
         """What went through up to the last event."""
@@ -1128,11 +1132,10 @@ def event_from_toml(text: str) -> _Event: ...
 
 @final
 class Recording:
-    """A source that is being recorded: an iterator over its frames, and a context manager."""
+    """A source that is being recorded, and a context manager: an iterator over how many frames there are, and the newest's stamp, ns."""
 
     def __iter__(self) -> Self: ...
-    def __next__(self) -> tuple[int, int]:
-        """How many frames there are now, and the newest one's stamp, ns."""
+    def __next__(self) -> tuple[int, int]: ...
     def __enter__(self) -> Self: ...
     def __exit__(self, *exception: object) -> None: ...
     @property

@@ -2,7 +2,7 @@
 
 use super::array::{self, array1, array2, matrix, vector};
 use super::error::PhysincError;
-use crate::event::{self, Event, Kind};
+use crate::event::{self, Event, Kind, events, parts};
 use crate::math::rows;
 use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::PyValueError;
@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
 use serde::Serialize;
 use std::format;
-use std::hash::{DefaultHasher, Hash, Hasher};
+use std::hash::{Hash, Hasher};
 use std::string::{String, ToString};
 use std::vec::Vec;
 
@@ -117,17 +117,19 @@ fn repr(name: &str, fields: &Bound<'_, PyAny>) -> PyResult<String> {
 
 /// Declares classes that are part of events.
 macro_rules! part_classes {
-    ($($name:ident { $($field:ident),* })*) => {$(
+    ($($(#[$meta:meta])* $name:ident { $($(#[$field_meta:meta])* $field:ident: $type:ty,)* })*) => {$(
+        $(#[$meta])*
         #[pyclass(frozen, eq, module = "physinc")]
         #[derive(PartialEq)]
         pub struct $name(pub event::$name);
 
         #[pymethods]
         impl $name {
-            $(#[getter]
+            $($(#[$field_meta])*
+            #[getter]
             fn $field<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> { self.0.$field.to_python(py) })*
 
-            /// As plain Python values.
+            /// As plain Python values, the same as in JSON.
             fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> { plain(py, &self.0) }
 
             fn __repr__(&self, py: Python<'_>) -> PyResult<String> { repr(stringify!($name), &self.to_dict(py)?) }
@@ -138,17 +140,13 @@ macro_rules! part_classes {
         }
     )*};
 }
-part_classes! {
-    CameraModel { width, height, fx, fy, cx, cy }
-    Above { surface, height, sd }
-    Counters { frames, frames_dropped, frames_incomplete, packets, packets_lost, packets_invalid, events, events_dropped }
-}
+parts!(part_classes);
 
-/// Declares the event classes, each with what all events have and its own fields; and the way from `Event` to them.
-macro_rules! event_classes {
-    ($($name:ident { $($field:ident),* } $({ $($extra:tt)* })?)*) => {
-        $(
-        #[pyclass(frozen, module = "physinc")]
+/// Declares an event class with what all events have, its own fields, and methods.
+macro_rules! event_class {
+    ($(#[$meta:meta])* $name:ident { $($(#[$field_meta:meta])* $field:ident: $type:ty,)* } $({ $($method:tt)* })?) => {
+        $(#[$meta])*
+        #[pyclass(frozen, eq, hash, module = "physinc")]
         pub struct $name {
             timestamp_ns: i64,
             track: Option<u32>,
@@ -162,21 +160,39 @@ macro_rules! event_classes {
             }
         }
 
+        impl PartialEq for $name {
+            /// What is unknown, NaN or not, is the same.
+            fn eq(&self, other: &Self) -> bool {
+                matches!((tree(&self.whole()), tree(&other.whole())), (Ok(this), Ok(that)) if this == that)
+            }
+        }
+
+        impl Hash for $name {
+            fn hash<H: Hasher>(&self, state: &mut H) {
+                (stringify!($name), self.timestamp_ns, self.track, self.is_final).hash(state);
+            }
+        }
+
         #[pymethods]
         impl $name {
             #[classattr]
             fn __match_args__(py: Python<'_>) -> PyResult<Py<PyTuple>> {
                 Ok(PyTuple::new(py, [$(stringify!($field)),*])?.unbind())
             }
+            /// The event's name.
             #[getter]
             fn event<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> { self.to_dict(py)?.get_item("event") }
+            /// Stamp of the newest input that it used, ns on the stream's clock.
             #[getter]
             pub fn timestamp_ns(&self) -> i64 { self.timestamp_ns }
+            /// The track, from 1; `None` where none or all.
             #[getter]
             pub fn track(&self) -> Option<u32> { self.track }
+            /// Nothing will replace it.
             #[getter]
             fn r#final(&self) -> bool { self.is_final }
-            $(#[getter]
+            $($(#[$field_meta])*
+            #[getter]
             fn $field<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> { self.fields.$field.to_python(py) })*
 
             /// As plain Python values, the same as in JSON.
@@ -187,23 +203,20 @@ macro_rules! event_classes {
 
             fn __repr__(&self, py: Python<'_>) -> PyResult<String> { repr(stringify!($name), &self.to_dict(py)?) }
 
-            fn __eq__(&self, other: &Self) -> PyResult<bool> { Ok(tree(&self.whole())? == tree(&other.whole())?) }
-
-            /// Equal events have equal ones.
-            fn __hash__(&self) -> u64 {
-                let mut hasher = DefaultHasher::new();
-                (stringify!($name), self.timestamp_ns, self.track, self.is_final).hash(&mut hasher);
-                hasher.finish()
-            }
-
             fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String,))> {
                 // TOML, because it has NaN and writes floats exactly.
                 let text = toml::to_string(&self.whole()).map_err(mistake)?;
                 Ok((py.import("physinc._physinc")?.getattr("event_from_toml")?, (text,)))
             }
-            $($($extra)*)?
+            $($($method)*)?
         }
-        )*
+    };
+}
+
+/// Declares the event classes, and the way from `Event` to them.
+macro_rules! event_classes {
+    ($($(#[$meta:meta])* $name:ident { $($fields:tt)* })*) => {
+        $(class_of! { $(#[$meta])* $name { $($fields)* } })*
 
         /// The Python object of an event.
         pub fn to_python(py: Python<'_>, event: Event) -> PyResult<Py<PyAny>> {
@@ -214,47 +227,42 @@ macro_rules! event_classes {
         }
     };
 }
-event_classes! {
-    StreamStarted { source, camera, world_from_camera }
-    Position { frame, center, center_in_camera, covariance, points, residual_rms } {
-        /// Where an object was, world frame, m and m²: input for a stream. A center with NaN says that it wasn't seen at that instant.
-        #[new]
-        #[pyo3(signature = (timestamp_ns, center, covariance=None, track=None))]
-        fn new(
-            timestamp_ns: &Bound<'_, PyAny>,
-            center: &Bound<'_, PyAny>,
-            covariance: Option<&Bound<'_, PyAny>>,
-            track: Option<&Bound<'_, PyAny>>,
-        ) -> PyResult<Self> {
-            let timestamp_ns = array::timestamp_ns(timestamp_ns)?;
-            let track = track.map(|track| array::integer(track, "track", "an integer from 0 to 2^32 - 1, or None")).transpose()?;
-            let center = vector(center, "center")?;
-            let covariance = covariance.map(|covariance| matrix(covariance, "covariance")).transpose()?;
-            if !center.iter().any(|x| x.is_nan()) {
-                crate::source::measurement(timestamp_ns, center, covariance, track, f64::NAN).map_err(PyValueError::new_err)?;
+
+/// The class of an event: a position alone can be made in Python.
+macro_rules! class_of {
+    ($(#[$meta:meta])* Position { $($fields:tt)* }) => {
+        event_class! {
+            $(#[$meta])*
+            ///
+            /// Made by a user it is input for a stream: `center` and `covariance` in the world frame, m and m². A center with NaN says that it
+            /// wasn't seen at that instant.
+            Position { $($fields)* } {
+                #[new]
+                #[pyo3(signature = (timestamp_ns, center, covariance=None, track=None))]
+                fn new(
+                    timestamp_ns: &Bound<'_, PyAny>,
+                    center: &Bound<'_, PyAny>,
+                    covariance: Option<&Bound<'_, PyAny>>,
+                    track: Option<&Bound<'_, PyAny>>,
+                ) -> PyResult<Self> {
+                    let timestamp_ns = array::timestamp_ns(timestamp_ns)?;
+                    let track = track.map(|track| array::integer(track, "track", "an integer from 0 to 2^32 - 1, or None")).transpose()?;
+                    let center = vector(center, "center")?;
+                    let covariance = covariance.map(|covariance| matrix(covariance, "covariance")).transpose()?;
+                    if !center.iter().any(|x| x.is_nan()) {
+                        crate::source::measurement(timestamp_ns, center, covariance, track, f64::NAN).map_err(PyValueError::new_err)?;
+                    }
+                    let covariance = covariance.map_or([[f64::NAN; 3]; 3], |covariance| rows(&covariance));
+                    let fields =
+                        event::Position { frame: 0, center: center.into(), center_in_camera: None, covariance, points: None, residual_rms: None };
+                    Ok(Self { timestamp_ns, track, is_final: true, fields })
+                }
             }
-            let covariance = covariance.map_or([[f64::NAN; 3]; 3], |covariance| rows(&covariance));
-            let fields =
-                event::Position { frame: 0, center: center.into(), center_in_camera: None, covariance, points: None, residual_rms: None };
-            Ok(Self { timestamp_ns, track, is_final: true, fields })
         }
-    }
-    TrackStarted { reason }
-    TrackEnded { reason }
-    Inconsistency { predicted, measured, distance, threshold, p_value }
-    Contact {
-        id, time_ns, time_sd, center, point, covariance, normal, direction, velocity_before, velocity_after, restitution, surface
-    }
-    Surface { id, name, normal, offset, covariance, tilt, tilt_sd, contacts, outline, above, merged_into }
-    CameraOrientation { id, gravity_in_camera, roll, pitch, covariance, flights, undetermined }
-    CameraMotion { id, frame, displacement, covariance, undetermined }
-    Activity { id, start_ns, end_ns, active, probability }
-    LevelDisagreement { gravity_in_camera, gravity_by_accelerometer, angle, sd, p_value, flights }
-    Gap { start_ns, end_ns, reason, frames, packets, samples }
-    Disconnected { reason }
-    Reconnected { reason }
-    StreamEnded { reason, counters }
+    };
+    ($($class:tt)*) => { event_class! { $($class)* } };
 }
+events!(event_classes);
 
 /// The event that pickling wrote.
 #[pyfunction]

@@ -17,7 +17,7 @@ use std::vec::Vec;
 /// A live source may be silent for so long.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// An iterator over the frames that it records, and a context manager: (how many there are now, stamp in ns).
+/// A source that is being recorded, and a context manager: an iterator over how many frames there are, and the newest's stamp, ns.
 #[pyclass(frozen, module = "physinc._physinc")]
 pub struct Recording(Mutex<Option<source::Recording>>);
 

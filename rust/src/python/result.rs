@@ -32,7 +32,8 @@ impl Field for Vec<bool> {
 
 /// Declares classes: fields that Python sees, then those that it doesn't, then methods.
 macro_rules! result_classes {
-    ($($name:ident { $($field:ident: $type:ty),* } [$($hidden:ident: $hidden_type:ty),*] { $($extra:tt)* })*) => {$(
+    ($($(#[$meta:meta])* $name:ident { $($(#[$field_meta:meta])* $field:ident: $type:ty,)* } [$($hidden:ident: $hidden_type:ty),*] { $($extra:tt)* })*) => {$(
+        $(#[$meta])*
         #[pyclass(frozen, module = "physinc")]
         pub struct $name {
             $(pub $field: $type,)*
@@ -45,7 +46,8 @@ macro_rules! result_classes {
             fn __match_args__(py: Python<'_>) -> PyResult<Py<PyTuple>> {
                 Ok(PyTuple::new(py, [$(stringify!($field)),*])?.unbind())
             }
-            $(#[getter]
+            $($(#[$field_meta])*
+            #[getter]
             fn $field<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> { self.$field.to_python(py) })*
 
             fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
@@ -58,12 +60,45 @@ macro_rules! result_classes {
     )*};
 }
 result_classes! {
-    SphereFit { center: [f64; 3], radius: f64, covariance: [[f64; 3]; 3], residual_rms: f64, inliers: usize } [] {}
+    /// A sphere through points, in their frame.
+    SphereFit {
+        /// Center [3], m.
+        center: [f64; 3],
+        /// As given, or estimated, m.
+        radius: f64,
+        /// Of `center` [3, 3], m²; as if the points erred independently of each other, as neighbouring pixels do not.
+        covariance: [[f64; 3]; 3],
+        /// Root mean square distance of the inliers from the sphere, m.
+        residual_rms: f64,
+        /// Points within three standard deviations.
+        inliers: usize,
+    } [] {}
+    /// A flight that one law explains.
     FlightFit {
-        t: f64, position: [f64; 3], velocity: [f64; 3], gravity: Option<[f64; 3]>, covariance: [[f64; 9]; 9], chi2: f64, dof: usize,
-        sd: Option<f64>, residual_rms: f64, log_evidence: f64
+        /// Of the last measurement, s.
+        t: f64,
+        /// At `t` [3], m.
+        position: [f64; 3],
+        /// At `t` [3], m/s.
+        velocity: [f64; 3],
+        /// As known or estimated [3], m/s²; `None` where a callable was the law.
+        gravity: Option<[f64; 3]>,
+        /// Of (position, velocity, gravity), [9, 9].
+        covariance: [[f64; 9]; 9],
+        /// Weighted sum of squared residuals; about `dof` where the law holds and the noise is known.
+        chi2: f64,
+        /// Numbers measured, less those that were found out.
+        dof: usize,
+        /// Standard deviation of the positions an axis, m, as the residuals tell it (1e-6 at the least); `None` where it was given.
+        sd: Option<f64>,
+        /// Root mean square distance of the measurements from the flight, m.
+        residual_rms: f64,
+        /// Log of the marginal likelihood of the positions: fits of the same ones with the same noise compare by it.
+        log_evidence: f64,
     } [flight: Flight, law: Motion] {
-        /// Eq. 2: where it is at `t` (s), and how surely.
+        /// Where it is at `t` (s), before or after (Eq. 2): center [3] (m) and its covariance [3, 3] (m²).
+        ///
+        /// Raises `ValueError` where `t` or the prediction isn't finite, and what a callable law raises.
         fn predict<'py>(&self, py: Python<'py>, t: f64) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
             if !t.is_finite() {
                 return Err(PyValueError::new_err("t must be finite"));
@@ -73,19 +108,87 @@ result_classes! {
             Ok((array1(py, center.as_slice()), array2(py, &rows(&prediction.covariance))?))
         }
     }
+    /// Measurements beside their predictions (Eq. 3); NaN where nothing could be predicted.
     Inconsistencies {
-        predicted: Vec<[f64; 3]>, distance: Vec<f64>, threshold: Vec<f64>, p_value: Vec<f64>, moving_average: Vec<f64>,
-        inconsistent: Vec<bool>, sd: Option<f64>
+        /// Centers by the law [N, 3], m.
+        predicted: Vec<[f64; 3]>,
+        /// From the predicted to the measured ones [N], m.
+        distance: Vec<f64>,
+        /// What `distance` is held against [N], m: θ, or the distance in that direction at which the whitened test alarms.
+        threshold: Vec<f64>,
+        /// Probability of such a distance without a cause [N]; NaN with the paper's method.
+        p_value: Vec<f64>,
+        /// Mean of the last five distances [N], m.
+        moving_average: Vec<f64>,
+        /// Where prediction and measurement disagree [N].
+        inconsistent: Vec<bool>,
+        /// Standard deviation of the positions an axis, m, where it was estimated.
+        sd: Option<f64>,
     } [] {}
+    /// Two flights that share a point and a time.
     ContactFit {
-        time: f64, time_sd: Option<f64>, center: [f64; 3], point: Option<[f64; 3]>, covariance: Option<[[f64; 3]; 3]>,
-        state_covariance: Option<[[f64; 9]; 9]>, normal: Option<[f64; 3]>, direction: Option<[f64; 3]>, velocity_before: [f64; 3],
-        velocity_after: [f64; 3], restitution: Option<f64>, chi2: Option<f64>, sd: Option<f64>
+        /// First touch, s.
+        time: f64,
+        /// Standard deviation of `time`, s; `None` with the paper's method.
+        time_sd: Option<f64>,
+        /// Center of the ball at first touch [3], m.
+        center: [f64; 3],
+        /// Where it touched [3], m: center − radius · normal; `None` where one of them is unknown.
+        point: Option<[f64; 3]>,
+        /// Of `center` [3, 3], m²; `None` with the paper's method.
+        covariance: Option<[[f64; 3]; 3]>,
+        /// Of (center, velocity before, velocity after), [9, 9]; `None` with the paper's method.
+        state_covariance: Option<[[f64; 9]; 9]>,
+        /// Unit normal [3], to the side the ball came from: as given, or as this contact alone shows it.
+        normal: Option<[f64; 3]>,
+        /// The paper's [3]: normalised mean of the two unit tangents along the motion [3]; `None` where they cancel.
+        direction: Option<[f64; 3]>,
+        /// At first touch [3], m/s.
+        velocity_before: [f64; 3],
+        /// At last touch [3], m/s.
+        velocity_after: [f64; 3],
+        /// Speed away from the surface over speed into it.
+        restitution: Option<f64>,
+        /// Weighted sum of squared residuals; `None` with the paper's method.
+        chi2: Option<f64>,
+        /// Standard deviation of the positions an axis, m, where it was estimated.
+        sd: Option<f64>,
     } [contact: Contact, radius: Option<f64>] {}
-    ScaleFit { scale: f64, sd: f64, gravity_direction: [f64; 3], drag: f64, residual_sd: f64, dof: usize } [] {}
+    /// Metres per unit of a trajectory that was known up to scale.
+    ScaleFit {
+        /// Metres per unit.
+        scale: f64,
+        /// Standard deviation of `scale`, metres per unit.
+        sd: f64,
+        /// Where gravity pulls: unit vector [3] in the trajectory's own axes.
+        gravity_direction: [f64; 3],
+        /// k of a = g − k |v| v, 1/m, as told or as the flight tells it.
+        drag: f64,
+        /// Standard deviation of the positions about the flight, units an axis.
+        residual_sd: f64,
+        /// Numbers measured, less those that were found out.
+        dof: usize,
+    } [] {}
+    /// A plane that contacts lie on.
     PlaneFit {
-        normal: [f64; 3], offset: f64, covariance: [[f64; 4]; 4], contacts: Vec<usize>, restitution: f64, tilt: f64, tilt_sd: f64,
-        outline: Vec<[f64; 3]>, above: Option<crate::event::Above>
+        /// Unit normal [3], to the contacts' side.
+        normal: [f64; 3],
+        /// normal · p = offset, m.
+        offset: f64,
+        /// Of (normal, offset), [4, 4].
+        covariance: [[f64; 4]; 4],
+        /// Which of the contacts, by index.
+        contacts: Vec<usize>,
+        /// Of the ball on it.
+        restitution: f64,
+        /// Angle between the normal and up, rad.
+        tilt: f64,
+        /// Standard deviation of `tilt`, rad.
+        tilt_sd: f64,
+        /// Convex hull of the touched points on the plane [M, 3], m.
+        outline: Vec<[f64; 3]>,
+        /// The parallel plane below it, by its index in the list.
+        above: Option<crate::event::Above>,
     } [] {}
 }
 

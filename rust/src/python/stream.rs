@@ -153,8 +153,9 @@ impl Stream {
         self.now().busy.as_secs_f64()
     }
 
-    /// When the last packet arrived of the frame that the last event came with, ns, comparable with `time.time_ns()` for a live Kinect;
-    /// `None` where no packets come.
+    /// When the last packet arrived of the frame that the last event came with, ns; `None` where no packets come.
+    ///
+    /// Of a live Kinect it is comparable with `time.time_ns()`.
     #[getter]
     fn arrival_ns(&self) -> Option<i64> {
         self.now().arrival_ns
@@ -169,7 +170,9 @@ impl Stream {
         }
     }
 
-    /// The newest image, if images are wanted and there was one; it may be ahead of the events.
+    /// The newest image of a stream with `frames=True`, if there was one; it may be ahead of the events.
+    ///
+    /// Raises `ValueError` where images were not asked for.
     #[getter]
     fn frame(&self, py: Python<'_>) -> PyResult<Option<Py<Frame>>> {
         let Some(shown) = &self.shown else {
@@ -178,7 +181,9 @@ impl Stream {
         shown.newest(py, |latest| latest.take().map(|picture| Py::new(py, Frame::new(picture))).transpose())
     }
 
-    /// The newest image of the colour or infra-red camera, if video is wanted and there was one; it may be ahead of the events.
+    /// The newest image of `stream("kinect?video=color")`, or `infrared`, if there was one; it may be ahead of the events.
+    ///
+    /// Raises `ValueError` where video was not asked for.
     #[getter]
     fn video(&self, py: Python<'_>) -> PyResult<Option<Py<VideoFrame>>> {
         let Some(filmed) = &self.filmed else {
@@ -288,7 +293,10 @@ impl Track {
         self.predictor.track()
     }
 
-    /// Where it will be by the laws of physics, among what is known of the scene: center [3] (m, world) and covariance [3, 3] (m²).
+    /// Where it will be by the laws of physics: center [3] (m, world) and covariance [3, 3] (m²).
+    ///
+    /// Where the environment is known, told or seen behind all objects, it bounces off what it meets there, and rolls where it bounces no more.
+    /// `t` is in seconds on the stream's clock, `timestamp_ns` the same in ns.
     #[pyo3(signature = (t=None, *, timestamp_ns=None))]
     fn predict<'py>(&self, py: Python<'py>, t: Option<f64>, timestamp_ns: Option<i64>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         let timestamp_ns = match (t, timestamp_ns) {

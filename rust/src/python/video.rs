@@ -26,7 +26,7 @@ impl VideoFrame {
         self.0.timestamp_ns
     }
 
-    /// `"color"` or `"infrared"`.
+    /// Which camera's: "color" or "infrared".
     #[getter]
     fn kind(&self) -> &'static str {
         match self.0.video {
@@ -35,6 +35,8 @@ impl VideoFrame {
         }
     }
 
+    /// The image.
+    ///
     /// Colour: a Bayer mosaic [480, 640], uint8 (rows begin green, red and blue, green). Infra-red: [488, 640], uint16, 0 to 1023.
     #[getter]
     fn pixels<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
