@@ -197,3 +197,38 @@ fn two_contacts_in_quick_succession_are_two() {
     assert!(times.len() == 2 && (times[0] - 500).abs() < 3 && (times[1] - 600).abs() < 3, "{times:?}");
     assert!(Vec3::from(found[1].normal.unwrap()).x < -0.95);
 }
+
+/// A ball that falls to z = 0 with 1.4 m/s at 0.5 s and leaves with `restitution`, until it rolls.
+fn hops(restitution: f64, t: f64) -> [f64; 3] {
+    let (mut begin, mut speed) = (0.5, 1.4);
+    let height = |s: f64, speed: f64| speed * s - 4.905 * s * s;
+    if t < begin {
+        return [0.3 * t, 1.5, 0.033 + height(t - begin, -speed)];
+    }
+    speed *= restitution;
+    while t > begin + 2.0 * speed / 9.81 && speed > 1e-2 {
+        (begin, speed) = (begin + 2.0 * speed / 9.81, speed * restitution);
+    }
+    [0.3 * t, 1.5, 0.033 + height(t - begin, speed).max(0.0)]
+}
+
+#[test]
+fn of_two_contacts_in_one_gap_none_is_told_and_of_one_where_it_must_be() {
+    let found = |config: &Config, restitution: f64, gap: std::ops::Range<f64>| {
+        let seen = (0..165).map(|i| f64::from(i) / 240.0).filter(|t| !gap.contains(t));
+        let inputs: Vec<_> =
+            seen.map(|t| ((t * 1e9) as i64, vec![measurement((t * 1e9) as i64, hops(restitution, t), None, Some(1e-7))])).collect();
+        let events = stream(config, &inputs).0;
+        contacts(&events).iter().map(|c| (c.surface, (c.time_ns + 500_000) / 1_000_000)).collect::<Vec<_>>()
+    };
+    let (open, mut floor) = (ideal(), ideal());
+    floor.environment.plane.push(physinc::config::KnownPlane::default()).expect("room for one");
+    // At 0.5 and 0.628 s: one contact below the floor would explain it, too.
+    assert_eq!(found(&open, 0.45, 0.49..0.64), []);
+    assert_eq!(found(&floor, 0.45, 0.49..0.64), []);
+    // At 0.5 s alone: of two, the first would have been seen.
+    assert_eq!(found(&open, 0.65, 0.49..0.64), [(Some(0), 500)]);
+    // At 0.5 s alone: two on a higher floor would do as well, unless it is known where it is.
+    assert_eq!(found(&open, 0.65, 0.45..0.64), []);
+    assert_eq!(found(&floor, 0.65, 0.45..0.64), [(Some(0), 500)]);
+}

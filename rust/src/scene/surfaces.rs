@@ -29,6 +29,8 @@ struct Found {
     plane: Plane,
     merged_into: Option<u32>,
     told: bool,
+    /// It was told that it has merged.
+    over: bool,
     /// Contacts that are forgotten; the plane was fitted to them once.
     forgotten: u32,
 }
@@ -103,6 +105,9 @@ impl Surfaces {
         if let Some((id, normal)) = self.environment.touched(&patch.center, &covariance, patch.radius) {
             self.known_contacts[id as usize] += 1;
             self.learn_restitution(id, &normal, &patch);
+            if self.environment.surfaces().get(id as usize).is_some_and(|known| known.normal.dot(&normal) < 0.0) {
+                self.environment.turn(id);
+            }
             return Some((id, normal));
         }
         if self.closed {
@@ -193,7 +198,7 @@ impl Surfaces {
             None if alone.level => (None, alone),
             None => return,
         };
-        if self.found.push(Found { id: self.next, plane, merged_into: None, told: false, forgotten: 0 }).is_ok() {
+        if self.found.push(Found { id: self.next, plane, merged_into: None, told: false, over: false, forgotten: 0 }).is_ok() {
             self.patches[index].1 = Some(self.next);
             if let Some(i) = partner {
                 self.patches[i].1 = Some(self.next);
@@ -210,7 +215,7 @@ impl Surfaces {
     }
 
     fn close(&mut self, id: u32, into: u32) {
-        if let Some(found) = self.found.iter_mut().find(|f| f.id == id) {
+        for found in self.found.iter_mut().filter(|f| f.id == id || f.merged_into == Some(id)) {
             found.merged_into = Some(into);
         }
     }
@@ -266,17 +271,21 @@ impl Surfaces {
             })
     }
 
-    /// Hands out every surface as it is now: known ones, found ones, and those that merged since they were handed out last.
-    /// With `last`, all of them, for good.
+    /// Hands out every surface as it is now: known ones, found ones, and those that merged since they were handed out last; what lies lower comes
+    /// first, so that none names one that was never handed out. With `last`, all of them, for good.
     pub fn tell(&mut self, up: &Up, last: bool, mut out: impl FnMut(Surface, bool)) {
-        for (id, known) in self.environment.surfaces().iter().enumerate() {
-            out(self.known(id as u32, known, up), last);
-        }
-        for i in 0..self.found.len() {
-            let gone = self.found[i].merged_into.is_some();
-            if !(gone && self.found[i].told) {
+        let mut known: Vec<(u32, &KnownSurface), { Environment::CAPACITY }> = (0..).zip(self.environment.surfaces()).collect();
+        known.sort_unstable_by(|a, b| a.1.offset.total_cmp(&b.1.offset));
+        known.iter().for_each(|(id, known)| out(self.known(*id, known, up), last));
+        let mut order: Vec<usize, SURFACES> = (0..self.found.len()).collect();
+        order.sort_unstable_by(|a, b| self.found[*a].plane.offset.total_cmp(&self.found[*b].plane.offset));
+        for i in order {
+            let Found { merged_into, told, over, .. } = self.found[i];
+            let gone = merged_into.is_some();
+            // Nobody heard of what has merged at once.
+            if !over && (told || !gone) {
                 out(self.describe(&self.found[i], up), last || gone);
-                self.found[i].told = gone;
+                (self.found[i].told, self.found[i].over) = (true, gone);
             }
         }
     }

@@ -98,6 +98,31 @@ pub fn admissible(contact: &Contact) -> bool {
         && (0.0..1.05).contains(&restitution)
 }
 
+/// The contact, moved up to the floor on which two bounces, which give back the same part of the speed, would do as well; `None` where one of
+/// them would have been seen.
+///
+/// At speeds f and r down to the one and up from it, and with restitution e, the two would be met at u = (f + r) / (1 + e)² and left at e² u, where
+/// (f − r) / (f + r) = (1 − e) (1 + e²) / (1 + e)³: gravity alone acts beside them.
+pub fn as_two(contact: &Contact, samples: &[Sample]) -> Option<Contact> {
+    let split = samples.partition_point(|s| s.t <= contact.time);
+    let (last, next, g) = (samples.get(split.checked_sub(1)?)?, samples.get(split)?, contact.gravity.norm());
+    let down = contact.gravity / g;
+    let [fall, rise] = [contact.before, -contact.after].map(|v| v.dot(&down));
+    if rise <= 0.0 || fall <= rise {
+        return None;
+    }
+    let lost = |e: f64| (1.0 - e) * (1.0 + e * e) / ((1.0 + e) * (1.0 + e) * (1.0 + e));
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..30 {
+        let e = 0.5 * (low + high);
+        if lost(e) > (fall - rise) / (fall + rise) { low = e } else { high = e }
+    }
+    let met = (fall + rise) / ((1.0 + low) * (1.0 + low));
+    let [first, second] = [contact.time - (fall - met) / g, contact.time + (rise - low * low * met) / g];
+    let center = contact.center - down * (0.5 * (fall * fall - met * met) / g);
+    (last.t < first && second < next.t).then(|| Contact { center, ..contact.clone() })
+}
+
 /// The best contact between the flight that began at `since` and the samples from about `at` on: the doubt may have come a frame
 /// late, or early and for nothing.
 pub fn best_contact(samples: &[Sample], since: f64, at: f64, previous: Option<f64>, around: &Surroundings) -> Option<Contact> {

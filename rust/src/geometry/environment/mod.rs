@@ -129,6 +129,13 @@ impl Environment {
         self.relief = Some(relief);
     }
 
+    /// Turns the plane of this id to its other side, where it was touched.
+    pub fn turn(&mut self, id: u32) {
+        if let Some(plane) = self.surfaces.get_mut(id as usize).filter(|surface| matches!(surface.shape, Shape::Plane)) {
+            (plane.normal, plane.offset) = (-plane.normal, -plane.offset);
+        }
+    }
+
     /// The surfaces that were told.
     pub fn surfaces(&self) -> &[KnownSurface] {
         &self.surfaces
@@ -188,7 +195,8 @@ impl KnownSurface {
         let longest = longest as f32;
         let times = match &self.shape {
             Shape::Plane => {
-                HalfSpace::new(single(self.normal)).cast_local_ray(&local(origin - self.normal * self.offset, *ray), longest, true)
+                let (height, normal) = self.distance(origin);
+                HalfSpace::new(single(normal)).cast_local_ray(&local(normal * height, *ray), longest, true)
             }
             Shape::Sphere { center, radius } => Ball::new(*radius as f32).cast_local_ray(&local(origin - center, *ray), longest, true),
             Shape::Box { center, half, rotation } => {
@@ -205,10 +213,13 @@ impl KnownSurface {
         (times > 0.0).then_some(times.into())
     }
 
-    /// Distance of `p` from the surface, negative inside, and the unit normal towards `p` there.
+    /// Distance of `p` from the surface, negative inside, and the unit normal towards `p` there. A plane has two sides and no inside.
     fn distance(&self, p: &Vec3) -> (f64, Vec3) {
         match &self.shape {
-            Shape::Plane => (self.normal.dot(p) - self.offset, self.normal),
+            Shape::Plane => {
+                let height = self.normal.dot(p) - self.offset;
+                (height.abs(), self.normal * 1f64.copysign(height))
+            }
             Shape::Sphere { center, radius } => {
                 let away = p - center;
                 (away.norm() - radius, away.try_normalize(1e-12).unwrap_or(self.normal))

@@ -185,10 +185,12 @@ mod tests {
         #[test]
         fn a_plane_is_met_where_the_height_is_the_radius(from in point(), to in point()) {
             let hit = environment(&[plane()], &[], &[]).sweep(&from, &to, RADIUS);
-            if from.z > RADIUS && to.z < RADIUS {
-                prop_assert!(close(hit.unwrap().fraction * (from.z - to.z), from.z - RADIUS));
+            // It has two sides.
+            let (height, end) = (from.z.abs(), to.z * from.z.signum());
+            if height > RADIUS && end < RADIUS {
+                prop_assert!(close(hit.unwrap().fraction * (height - end), height - RADIUS));
             } else {
-                prop_assert_eq!(hit.is_some(), from.z <= RADIUS && to.z < from.z);
+                prop_assert_eq!(hit.is_some(), height <= RADIUS && end < height);
             }
         }
 
