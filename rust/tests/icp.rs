@@ -145,7 +145,7 @@ fn views_fused_into_one_err_less() {
         let (image, random) = (draw(&camera, &body, &pose), &mut Random::new(2100));
         let exact = cloud(&camera, &image, true);
         let error = |cloud: &Cloud| {
-            let apart = cloud.cells(1).filter(|cell| cell.is_seen()).filter_map(|cell| {
+            let apart = cloud.cells().filter(|cell| cell.is_seen()).filter_map(|cell| {
                 let z = 1.0 / exact.inverse_depth(exact.project(&cell.point))?;
                 Some(f64::from(z - cell.point[2]).powi(2))
             });

@@ -12,7 +12,7 @@ use crate::simd::widest;
 use heapless::Vec;
 
 /// Columns and rows of cells.
-pub const EDGE: usize = 48;
+pub const EDGE: usize = 56;
 /// Cells.
 pub const CELLS: usize = EDGE * EDGE;
 /// Empty cells around the object, in which its silhouette fades.
@@ -23,10 +23,20 @@ const OUTLINE: usize = 240;
 const NORMAL_PX: usize = 7;
 /// Slope, depth a distance across, above which neighbours are two surfaces; and the step in depth, m, that noise may make besides.
 const STEEPEST: (f32, f32) = (2.0, 0.01);
+/// Cells that are covered more than this, with those around them, are not at the rim.
+const INSIDE: f32 = 0.95;
 /// Cells over which a silhouette fades.
 const REACH: f32 = 2.0;
-/// A cell counts where this part of its pixels does.
-const FILLED: f32 = 0.3;
+
+/// Cells whose normals are taken at once: a wide register's.
+const LANES: usize = 8;
+/// Room before the first cell and after the last, of which none is seen.
+const PAD: usize = 3 * EDGE + LANES;
+const PADDED: usize = CELLS + 2 * PAD;
+const _: () = assert!(EDGE.is_multiple_of(LANES));
+/// x/z, y/z and 1/z of each cell: that of a plane is linear in the first two. 1/z is 0 where nothing is seen. Row follows on row: beside one
+/// is the margin of another.
+type Rays = [[f32; PADDED]; 3];
 
 /// The mean of a square of pixels.
 #[derive(Clone, Copy, Debug, Default)]
@@ -39,7 +49,7 @@ pub struct Cell {
     pub normal: [f32; 3],
     /// Views of which `point` is the mean; 0 where nothing is seen.
     pub views: f32,
-    /// 1/z of the surface in its middle, 1/m, or 0.
+    /// 1/z of the surface in its middle, 1/m; 0 where its normal can't be told.
     inverse: f32,
 }
 
@@ -158,15 +168,14 @@ impl Cloud {
 
     /// Takes means, normals and the silhouette from what was added. `intact`: no samples are missing, so that where the object ends in the image
     /// it ends.
-    #[allow(clippy::large_stack_arrays)] // 9 KB while it runs.
+    #[allow(clippy::large_stack_arrays)] // 13 KB while it runs.
     pub fn finish(&mut self, intact: bool) {
-        let least = (FILLED * (self.stride * self.stride) as f32).max(1.0);
         let mut covers = [0.0; CELLS];
         let area = (self.stride * self.stride) as f32;
         for (cell, cover) in self.cells.iter_mut().zip(&mut covers).take(self.rows * EDGE) {
             let pixels = core::mem::take(&mut cell.cover);
             *cover = pixels / area;
-            (cell.point, cell.views) = if pixels >= least { (cell.point.map(|sum| sum / pixels), 1.0) } else { ([0.0; 3], 0.0) };
+            (cell.point, cell.views) = if pixels > 0.0 { (cell.point.map(|sum| sum / pixels), 1.0) } else { ([0.0; 3], 0.0) };
         }
         self.take_surface();
         self.blur(&covers);
@@ -177,13 +186,14 @@ impl Cloud {
     }
 
     /// Takes normals and depths of the surface from the cells' points.
-    #[allow(clippy::large_stack_arrays)] // 28 KB while it runs.
+    #[allow(clippy::large_stack_arrays)] // 42 KB while it runs.
     pub(super) fn take_surface(&mut self) {
-        // x/z, y/z and 1/z: that of a plane is linear in the first two. 1/z is 0 where nothing is seen.
-        let mut rays = [[0.0; 3]; CELLS];
-        for (cell, ray) in self.cells.iter_mut().zip(&mut rays).take(self.rows * EDGE) {
-            cell.inverse = if cell.is_seen() { 1.0 / cell.point[2] } else { 0.0 };
-            *ray = [cell.point[0] * cell.inverse, cell.point[1] * cell.inverse, cell.inverse];
+        let mut rays = [[0.0; PADDED]; 3];
+        for (i, cell) in self.cells.iter_mut().take(self.rows * EDGE).enumerate() {
+            let inverse = if cell.is_seen() { 1.0 / cell.point[2] } else { 0.0 };
+            let ray = [cell.point[0] * inverse, cell.point[1] * inverse, inverse];
+            (cell.normal, cell.inverse) = ([0.0; 3], 0.0);
+            rays.iter_mut().zip(ray).for_each(|(parts, part)| parts[PAD + i] = part);
         }
         widest(
             #[inline(always)]
@@ -193,53 +203,62 @@ impl Cloud {
 
     /// Normals of planes through the cells around each, by least squares.
     #[inline(always)]
-    fn take_normals(&mut self, rays: &[[f32; 3]; CELLS]) {
-        let reach = if 5 * self.stride < NORMAL_PX { 3 } else { 2 };
-        let pitch = 1.0 / self.scale[0];
+    fn take_normals(&mut self, rays: &Rays) {
+        let reach = (NORMAL_PX.div_ceil(self.stride) / 2).max(1);
+        let steepest = STEEPEST.0 * self.pitch()[0] * reach as f32;
+        let lanes = |i: usize| rays.each_ref().map(|parts| parts.get(i..).and_then(<[f32]>::first_chunk).copied().unwrap_or([0.0; LANES]));
         for row in 0..self.rows {
-            for column in 0..self.columns {
-                let [x, y, inverse] = rays[row * EDGE + column];
-                if inverse <= 0.0 {
+            for column in (0..self.columns).step_by(LANES) {
+                let first = row * EDGE + column;
+                let [x, y, w] = lanes(PAD + first);
+                if w.iter().all(|w| *w <= 0.0) {
                     continue;
                 }
-                let z = 1.0 / inverse;
                 // A difference of depth as one of 1/z.
-                let most = (STEEPEST.0 * pitch * z * reach as f32 + STEEPEST.1) * inverse * inverse;
-                let (mut n, mut means, mut squares, mut products) = (0.0_f32, [0.0_f32; 3], [0.0_f32; 3], [0.0_f32; 2]);
-                let columns = column.saturating_sub(reach)..(column + reach + 1).min(self.columns);
-                for line in rays.chunks_exact(EDGE).take((row + reach + 1).min(self.rows)).skip(row.saturating_sub(reach)) {
-                    for ray in line.get(columns.clone()).unwrap_or_default() {
-                        let (dx, dy, dw) = (ray[0] - x, ray[1] - y, ray[2] - inverse);
-                        let counts = if ray[2] > 0.0 && dw.abs() < most { 1.0 } else { 0.0 };
-                        let (dx, dy, dw) = (counts * dx, counts * dy, counts * dw);
-                        n += counts;
-                        means = [means[0] + dx, means[1] + dy, means[2] + dw];
-                        squares = [squares[0] + dx * dx, squares[1] + dx * dy, squares[2] + dy * dy];
-                        products = [products[0] + dx * dw, products[1] + dy * dw];
+                let most = w.map(|w| (steepest + STEEPEST.1 * w) * w);
+                let mut sums = [[0.0; LANES]; 9];
+                for down in 0..=2 * reach {
+                    for across in 0..=2 * reach {
+                        let around = lanes(PAD + first + down * EDGE + across - reach * (EDGE + 1));
+                        for i in 0..LANES {
+                            let (dx, dy, dw) = (around[0][i] - x[i], around[1][i] - y[i], around[2][i] - w[i]);
+                            let counts = if around[2][i] > 0.0 && dw.abs() < most[i] { 1.0 } else { 0.0 };
+                            let (dx, dy, dw) = (counts * dx, counts * dy, counts * dw);
+                            let terms = [counts, dx, dy, dw, dx * dx, dx * dy, dy * dy, dx * dw, dy * dw];
+                            sums.iter_mut().zip(terms).for_each(|(sum, term)| sum[i] += term);
+                        }
                     }
                 }
-                if n < 6.0 {
-                    continue;
+                for i in (0..LANES).filter(|i| w[*i] > 0.0) {
+                    self.take_normal(first + i, [x[i], y[i], w[i]], sums.each_ref().map(|sum| sum[i]));
                 }
-                let [mx, my, mw] = means.map(|sum| sum / n);
-                let (xx, xy, yy) = (squares[0] - n * mx * mx, squares[1] - n * mx * my, squares[2] - n * my * my);
-                let (xw, yw) = (products[0] - n * mx * mw, products[1] - n * my * mw);
-                let determinant = xx * yy - xy * xy;
-                // Neighbours along one line tell nothing across it.
-                if determinant < 0.05 * xx * yy || determinant <= 0.0 {
-                    continue;
-                }
-                let (along, down) = ((xw * yy - yw * xy) / determinant, (yw * xx - xw * xy) / determinant);
-                // 1/z = m · (x/z, y/z, 1) is m · p = 1.
-                let away = [along, down, inverse + mw - along * (x + mx) - down * (y + my)];
-                let length = sqrtf(away[0] * away[0] + away[1] * away[1] + away[2] * away[2]);
-                let cell = &mut self.cells[row * EDGE + column];
-                cell.normal = away.map(|part| -part / length);
-                // A cell that is filled in part has its point aside of its middle.
-                let middle = |i: usize, place: usize| (place as f32 + 0.5 - self.offset[i]) / self.scale[i];
-                cell.inverse += along * (middle(0, column) - x) + down * (middle(1, row) - y);
             }
         }
+    }
+
+    /// The plane of a cell on `ray`, from sums over those around it: how many, their differences to it, and these' products.
+    #[inline(always)]
+    fn take_normal(&mut self, i: usize, [x, y, inverse]: [f32; 3], [n, dx, dy, dw, dxx, dxy, dyy, dxw, dyw]: [f32; 9]) {
+        if n < 6.0 {
+            return;
+        }
+        let [mx, my, mw] = [dx / n, dy / n, dw / n];
+        let (xx, xy, yy) = (dxx - n * mx * mx, dxy - n * mx * my, dyy - n * my * my);
+        let (xw, yw) = (dxw - n * mx * mw, dyw - n * my * mw);
+        let determinant = xx * yy - xy * xy;
+        // Neighbours along one line tell nothing across it.
+        if determinant < 0.05 * xx * yy || determinant <= 0.0 {
+            return;
+        }
+        let (along, down) = ((xw * yy - yw * xy) / determinant, (yw * xx - xw * xy) / determinant);
+        // 1/z = m · (x/z, y/z, 1) is m · p = 1.
+        let away = [along, down, inverse + mw - along * (x + mx) - down * (y + my)];
+        let length = sqrtf(away[0] * away[0] + away[1] * away[1] + away[2] * away[2]);
+        let cell = &mut self.cells[i];
+        cell.normal = away.map(|part| -part / length);
+        // A cell that is filled in part has its point aside of its middle.
+        let middle = |k: usize, place: usize| (place as f32 + 0.5 - self.offset[k]) / self.scale[k];
+        cell.inverse = inverse + along * (middle(0, i % EDGE) - x) + down * (middle(1, i / EDGE) - y);
     }
 
     /// Means over 3 × 3 cells, so that a silhouette fades over as many.
@@ -253,7 +272,7 @@ impl Cloud {
         }
     }
 
-    /// Points of the silhouette: where half is covered, at the depth of the cell inside.
+    /// Points of the silhouette: where half is covered, at the depth of the cell there.
     fn take_outline(&mut self) {
         for row in 1..self.rows - 1 {
             for column in 1..self.columns - 1 {
@@ -268,8 +287,9 @@ impl Cloud {
                     continue;
                 }
                 let step = (0.5 - cell.cover) / square;
-                let z = cell.point[2];
                 let place = [column as f32 + 0.5 + step * slope[0], row as f32 + 0.5 + step * slope[1]];
+                // A round body's rim is farther away than what is seen next to it.
+                let z = self.at(place).filter(|met| met.is_seen()).unwrap_or(&cell).point[2];
                 let ray = |i: usize| (place[i] - self.offset[i]) / self.scale[i];
                 if self.is_own(place) && self.outline.push([ray(0) * z, ray(1) * z, z]).is_err() {
                     return;
@@ -278,10 +298,20 @@ impl Cloud {
         }
     }
 
-    /// Its cells, of every `step`th column and row.
-    pub fn cells(&self, step: usize) -> impl Iterator<Item = &Cell> {
-        let lines = self.cells.chunks_exact(EDGE).take(self.rows).step_by(step);
-        lines.flat_map(move |line| line.iter().take(self.columns).step_by(step))
+    /// Its cells, row by row.
+    pub fn cells(&self) -> impl Iterator<Item = &Cell> {
+        self.cells.chunks_exact(EDGE).take(self.rows).flat_map(|line| line.iter().take(self.columns))
+    }
+
+    /// Cells that show a surface, one of `step`; if asked, each standing for as many, but of the `rim` all.
+    pub(super) fn samples(&self, step: usize, rim: bool) -> impl Iterator<Item = (&Cell, f32)> {
+        let lines = self.cells.chunks_exact(EDGE).take(self.rows).enumerate();
+        let cells =
+            lines.flat_map(|(row, line)| line.iter().take(self.columns).enumerate().map(move |(column, cell)| (row + column, cell)));
+        cells.filter(|(_, cell)| cell.is_seen()).filter_map(move |(place, cell)| {
+            let stands = if rim && cell.cover >= INSIDE { step } else { 1 };
+            (place % step == 0 || rim && cell.cover < INSIDE).then_some((cell, stands as f32))
+        })
     }
 
     /// All its cells, seen or not. After their points were changed, [`Cloud::take_surface`].

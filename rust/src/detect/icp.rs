@@ -13,16 +13,13 @@ use crate::simd::widest;
 use nalgebra::{Matrix3x6, Matrix6, Vector6};
 
 /// From coarse to fine.
-const LEVELS: [Level; 3] = [
-    Level { step: 2, cutoff: 15.0, rounds: 6 },
-    Level { step: 2, cutoff: 7.0, rounds: 3 },
+const LEVELS: [Level; 2] = [
+    Level { step: 4, rim: false, cutoff: 15.0, rounds: 9, settled: 1.0 },
     // Of Gaussian residuals Tukey's weights then keep 95 % of what they tell.
-    Level { step: 1, cutoff: 4.685, rounds: 8 },
+    Level { step: 2, rim: true, cutoff: 4.685, rounds: 8, settled: 0.2 },
 ];
 /// Fewer cells than this are not thinned.
 const THINNED: usize = 200;
-/// A step that is this part of its standard deviation ends a level; the finest goes on to the second.
-const SETTLED: (f64, f64) = (0.3, 0.1);
 /// What is known before, as standard deviations of a round's step: it keeps a turn that can't be seen (of a ball) from running off. rad, m.
 const PRIOR: (f64, f64) = (0.5, 0.5);
 /// Cosine of the angle by which two normals of one surface may differ, by noise and by motion.
@@ -33,18 +30,24 @@ pub(super) const GRAZING: f32 = 0.25;
 const BENT: f32 = 0.1;
 /// The rim of a round body is not the same line of it in both views: this part of its radius times the turn between them, all of it at once.
 const RIM: f64 = 0.1;
+/// A cell at the rim shares its noise with fewer around it, and counts more: as if this part were covered, at the least.
+const LONELY: f32 = 0.7;
 /// Sides of a silhouette, as far as they are off independently.
 const SIDES: f32 = 4.0;
 /// Equations below which nothing is determined.
-const FEWEST: u32 = 20;
+const FEWEST: f32 = 20.0;
 
 struct Level {
-    /// Every so manyth column and row of cells.
+    /// One of so many cells,
     step: usize,
+    /// which stands for them; but of the rim all, and cells so large that each has noise of its own. Else the silhouette counts more.
+    rim: bool,
     /// Residuals above so many standard deviations count nothing.
     cutoff: f32,
     /// Linearisations at most.
     rounds: usize,
+    /// A step that is this part of its standard deviation ends it.
+    settled: f64,
 }
 
 /// How one view of an object comes to lie on another.
@@ -92,8 +95,9 @@ struct System {
     distances: f32,
     /// Σ weight of all equations over their variance, and of the source's part of that variance.
     shares: [f32; 2],
-    inliers: u32,
-    seen: u32,
+    /// Cells that took part and that could, with those they stand for.
+    inliers: f32,
+    seen: f32,
 }
 
 impl System {
@@ -186,8 +190,8 @@ pub(super) fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
 #[inline(always)]
 fn mean_direction(a: &[f32; 3], b: &[f32; 3]) -> [f32; 3] {
     let sum = [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
-    let length = crate::math::sqrtf(dot(&sum, &sum));
-    sum.map(|x| x / length)
+    let inverse = 1.0 / crate::math::sqrtf(dot(&sum, &sum));
+    sum.map(|x| x * inverse)
 }
 
 /// Tukey's biweight of a residual whose square is this part of the cutoff's.
@@ -235,19 +239,20 @@ impl Weighing {
 pub fn align(source: &Cloud, target: &Cloud, start: &Motion, noise: Noise, step: f64) -> Option<Alignment> {
     let weighing = Weighing::new(noise, source, target, step);
     let (mut motion, mut iterations, mut spread) = (*start, 0, 1.0);
-    let thinned = source.cells(1).filter(|cell| cell.is_seen()).count() >= THINNED;
+    let thinned = source.cells().filter(|cell| cell.is_seen()).count() >= THINNED;
     let mut outcome = None;
-    for (level, settled) in LEVELS.iter().zip([SETTLED.0, SETTLED.0, SETTLED.1]) {
+    for level in &LEVELS {
         for _ in 0..level.rounds {
             let pivot = motion.of(&source.mean());
             let moved = Moved::new(&motion, &pivot);
             let mut system = System::default();
             let cutoff = level.cutoff * spread;
-            let step = if thinned { level.step } else { 1 };
+            let alike = 2 * source.stride() <= noise.window[0].min(noise.window[1]);
+            let step = if thinned && (alike || !level.rim) { level.step } else { 1 };
             widest(
                 #[inline(always)]
                 || {
-                    surfaces(&mut system, source, target, &moved, noise, &weighing, step, cutoff);
+                    surfaces(&mut system, source, target, &moved, noise, &weighing, step, level.rim, cutoff);
                     outlines(&mut system, source, target, &moved, &weighing, cutoff);
                 },
             );
@@ -268,7 +273,7 @@ pub fn align(source: &Cloud, target: &Cloud, start: &Motion, noise: Noise, step:
             spread = sqrt(chi_square.clamp(1.0, 9.0)) as f32;
             let size = delta.dot(&(information * delta));
             outcome = Some((system, solver.inverse(), pivot + shift, chi_square));
-            if size < settled * settled {
+            if size < level.settled * level.settled {
                 break;
             }
         }
@@ -278,10 +283,10 @@ pub fn align(source: &Cloud, target: &Cloud, start: &Motion, noise: Noise, step:
         target_from_source: motion,
         covariance: symmetric(&(covariance * chi_square.max(1.0))),
         middle,
-        residual_rms: sqrt(f64::from(system.distances) / f64::from(system.inliers.max(1))),
+        residual_rms: sqrt(f64::from(system.distances) / f64::from(system.inliers.max(1.0))),
         chi_square,
-        inliers: system.inliers,
-        overlap: f64::from(system.inliers) / f64::from(system.seen.max(1)),
+        inliers: system.inliers as u32,
+        overlap: f64::from(system.inliers / system.seen.max(1.0)),
         own: f64::from(system.shares[1]) / f64::from(system.shares[0]).max(1e-30),
         iterations,
     })
@@ -298,24 +303,27 @@ fn surfaces(
     noise: Noise,
     weighing: &Weighing,
     step: usize,
+    rim: bool,
     cutoff: f32,
 ) {
     let within = cutoff * cutoff;
-    for cell in source.cells(step).filter(|cell| cell.is_seen()) {
-        system.seen += 1;
+    for (cell, stands) in source.samples(step, rim) {
+        system.seen += stands;
         let p = moved.of(&cell.point);
         if p[2] <= 0.0 {
             continue;
         }
         let place = target.project(&p);
         let Some(Cell { point: q, normal, views, .. }) = target.at(place).filter(|met| met.has_normal()) else { continue };
-        if cell.has_normal() && dot(&moved.turned(&cell.normal), normal) < FACING {
+        // All 0 where it is not known.
+        let turned = moved.turned(&cell.normal);
+        if cell.has_normal() && dot(&turned, normal) < FACING {
             continue;
         }
         // The mean of how both face: its noise is less, and between two points of a round surface it is the chord's.
-        let normal = if cell.has_normal() { mean_direction(&moved.turned(&cell.normal), normal) } else { *normal };
+        let normal = mean_direction(&turned, normal);
         // How much the surface faces the ray, and how far it is along the ray: by its cells, or by the plane of one.
-        let facing = dot(&normal, &p) / p[2];
+        let facing = dot(&normal, &p) * (1.0 / p[2]);
         let residual = match target.inverse_depth(place) {
             Some(inverse) => facing * (1.0 / inverse - p[2]),
             None => dot(&normal, &[q[0] - p[0], q[1] - p[1], q[2] - p[2]]),
@@ -323,16 +331,16 @@ fn surfaces(
         let axial = noise.axial(f64::from(q[2])) as f32 * facing.abs().max(GRAZING);
         let bent = weighing.bent * q[2];
         let own = axial * axial / cell.views + 0.5 * bent * bent;
-        let variance = own + axial * axial / views + 0.5 * bent * bent;
-        let square = residual * residual / variance;
-        let weight = tukey(square / within);
+        let precision = 1.0 / (own + axial * axial / views + 0.5 * bent * bent);
+        let square = residual * residual * precision;
+        let weight = stands * tukey(square / within);
         if weight > 0.0 {
-            let weighed = weight * weighing.surface / variance;
+            let weighed = weight * precision * (weighing.surface / cell.cover.max(LONELY)).min(1.0 / stands);
             system.add(&moved.jacobian(&p, &normal), residual, weighed);
-            system.share(weighed, own / variance);
+            system.share(weighed, own * precision);
             system.squares = [system.squares[0] + weight * square, system.squares[1] + weight];
-            system.distances += residual * residual;
-            system.inliers += 1;
+            system.distances += stands * residual * residual;
+            system.inliers += stands;
         }
     }
 }
