@@ -232,3 +232,16 @@ fn of_two_contacts_in_one_gap_none_is_told_and_of_one_where_it_must_be() {
     assert_eq!(found(&open, 0.65, 0.45..0.64), []);
     assert_eq!(found(&floor, 0.65, 0.45..0.64), [(Some(0), 500)]);
 }
+
+#[test]
+fn a_low_hop_ends_in_time() {
+    for phase in 0..8 {
+        let times = (0..30).map(|i| (f64::from(i) + f64::from(phase) / 8.0) / 30.0);
+        let inputs: Vec<_> =
+            times.map(|t| ((t * 1e9) as i64, vec![measurement((t * 1e9) as i64, hops(0.35, t), None, Some(1e-6))])).collect();
+        let (events, _) = stream(&ideal(), &inputs);
+        // The hop after it takes 0.1 s, and is 12 mm high; the next ones are none that three frames could show.
+        let first = contacts(&events)[0].clone();
+        assert!((first.center[2] - 0.033).abs() < 1e-3 && (first.time_ns - 500_000_000).abs() < 1_000_000, "{phase}: {first:?}");
+    }
+}

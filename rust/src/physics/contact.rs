@@ -51,6 +51,12 @@ pub struct Contact {
 }
 
 impl Contact {
+    /// When the ball is back at the height of the contact, s; `None` where it did not go up.
+    pub fn returns(&self) -> Option<f64> {
+        let rise = -self.after.dot(&self.gravity);
+        (rise > 0.0).then(|| self.time + 2.0 * rise / self.gravity.norm_squared())
+    }
+
     /// Covariance of `center`, m².
     pub fn center_covariance(&self) -> Mat3 {
         self.covariance.fixed_view::<3, 3>(0, 0).into()

@@ -272,7 +272,9 @@ impl Motion {
     /// Solves the pending contact for the last time, with all samples up to `until`.
     fn settle(&mut self, window: &Window, until: f64, around: &Surroundings, findings: &mut Findings) {
         let Some(Pending { contact, since }) = self.pending.take() else { return };
-        let until = until.min(contact.time + AFTER_SIDE + 1e-3);
+        // A hop may be too low to show where it ended: what comes after its time is another's.
+        let hop = contact.returns().filter(|end| between(window.samples(), contact.time, *end).len() >= AFTER_CONTACT.0);
+        let until = until.min(contact.time + AFTER_SIDE + 1e-3).min(hop.unwrap_or(f64::INFINITY));
         let samples = between(window.samples(), since.max(contact.time - BEFORE_SIDE), until);
         let split = samples.partition_point(|s| s.t <= contact.time);
         let normal = (around.normal_at)(&contact);
