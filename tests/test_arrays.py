@@ -14,6 +14,8 @@ from hypothesis.extra.numpy import arrays
 import physinc
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -458,3 +460,23 @@ def test_whatever_comes_is_an_answer_or_an_error(t: Array, positions: Array) -> 
     for function in functions:
         with contextlib.suppress(ValueError):
             function()
+
+
+def test_what_is_no_number_is_named() -> None:
+    t = np.arange(10) / 30
+    positions = np.column_stack([t, t, 1 - 4.9 * t**2])
+    text: Any = "a"
+    calls: dict[str, Callable[[], object]] = {
+        "radius": lambda: physinc.fit_sphere(positions, text),
+        "sd": lambda: physinc.fit_flight(t, positions, sd=text),
+        "gravity": lambda: physinc.fit_scale(t, positions, gravity=text),
+        "theta": lambda: physinc.find_inconsistencies(t, positions, theta=text),
+        "false_alarm": lambda: physinc.find_inconsistencies(t, positions, false_alarm=text),
+        "duration": lambda: physinc.solve_contact((t, positions), (t + 1, positions), duration=text),
+        "spin_sd": lambda: physinc.fit_planes([], spin_sd=text),
+    }
+    for name, call in calls.items():
+        with pytest.raises(TypeError, match=f"^{name} = 'a': expected a number$"):
+            call()
+    with pytest.raises(TypeError, match="contacts must be an iterable of Contact or ContactFit, got 5"):
+        physinc.fit_planes(5)  # type: ignore[arg-type]

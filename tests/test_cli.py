@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+from physinc.streaming import DEMO
+
 PHYSINC = [sys.executable, "-c", "import sys; from physinc.cli import main; sys.exit(main())"]
 
 
@@ -20,7 +22,7 @@ def physinc(*arguments: str | Path, stdin: str = "") -> subprocess.CompletedProc
     return subprocess.run([*PHYSINC, *map(str, arguments)], input=stdin, capture_output=True, text=True, timeout=60, check=False)
 
 
-def started(*arguments: str) -> subprocess.Popen[str]:
+def started(*arguments: str | Path) -> subprocess.Popen[str]:
     pipe = subprocess.PIPE
     return subprocess.Popen([*PHYSINC, *arguments], stdin=pipe, stdout=pipe, stderr=pipe, text=True, bufsize=1)
 
@@ -77,19 +79,34 @@ def test_stdin_is_read(csv: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (["run", "nowhere.npz"], 1, "no such file"),
-        (["run", "/"], 1, "sources are"),
-        (["run", "nowhere.npz", "--dump-config"], 1, "no such file"),
-        (["run", "sim:nowhere", "--dump-config"], 1, "there is no scene"),
-        (["run", "sim:nowhere"], 1, "there is no scene"),
+        (["run", "nowhere.npz"], 2, "no such file"),
+        (["run", "nowhere.txt"], 2, "no such file"),
+        (["run", "/"], 2, "sources are"),
+        (["run", ""], 2, "a source without a name"),
+        (["run", "", "--dump-config"], 2, "a source without a name"),
+        (["run", os.fsdecode(b"\xff.npz")], 2, "must be UTF-8"),
+        (["run", os.fsdecode(b"\xff.npz"), "--dump-config"], 2, "must be UTF-8"),
+        (["run", "nowhere.npz", "--dump-config"], 2, "no such file"),
+        (["run", "sim:nowhere", "--dump-config"], 2, "there is no scene"),
+        (["run", "sim:nowhere"], 2, "there is no scene"),
+        (["run", "sim:bounce?seed=-1"], 2, "seed=-1"),
+        (["run", "sim:bounce?distance=100"], 2, "distance=100"),
+        (["run", f"{DEMO}?lose=2"], 2, "lose"),
+        (["run", "kinect?video=blue"], 2, "video"),
         (["run", "demo", "--config", "nowhere.toml"], 2, "nowhere.toml"),
         (["run", "demo", "--camera", "nowhere.toml"], 2, "nowhere.toml"),
         (["run", "demo", "--frames", "0"], 2, "frames"),
+        (["run", "demo", "--frames", "99999999999999999999"], 2, "frames"),
+        (["run", "demo", "--tum"], 2, "--record"),
         (["run", "demo", "--nonsense"], 2, "nonsense"),
         (["run", "demo", "twice"], 2, "twice"),
         (["nonsense"], 2, "nonsense"),
         (["run"], 3, "physinc run demo"),
         (["run", "kinect:1"], 3, "physinc run demo"),
+        (["record", "nowhere.npz", "out.npz"], 2, "no such file"),
+        (["record", os.fsdecode(b"\xff.npz"), "out.npz"], 2, "must be UTF-8"),
+        (["record", "demo", "/nowhere/out.npz"], 1, "make the folder first"),
+        (["level", "demo", "--config", "nowhere.toml"], 2, "nowhere.toml"),
         (["simulate", "nowhere", "out.npz"], 2, "there is no scene"),
         (["simulate", "drop", "out.png"], 2, ".npz"),
         (["simulate", "drop", "/nowhere/out.npz"], 1, "nowhere"),
@@ -101,6 +118,7 @@ def test_errors_have_a_code_and_a_line_on_stderr(arguments: list[str], code: int
     assert message in done.stderr
     assert done.stdout == ""
     assert "Traceback" not in done.stderr
+    assert " frames, " not in done.stderr
 
 
 def test_what_came_before_the_break_is_told(csv: Path) -> None:
@@ -176,12 +194,70 @@ def test_ctrl_c_ends_a_silent_stream_at_once(begun: bool) -> None:
 
 
 def test_a_closed_pipe_is_no_error() -> None:
-    for options in (["--json", "--positions"], []):
-        with started("run", "demo", *options) as process:
+    for arguments in (["run", "demo", "--json", "--positions"], ["run", "demo"], ["--help"], ["run", "--help"]):
+        with started(*arguments) as process:
             assert process.stdout is not None
             assert process.stderr is not None
-            process.stdout.readline()
+            if "--help" not in arguments:
+                process.stdout.readline()
             process.stdout.close()
             err = process.stderr.read()
             process.wait(timeout=20)
         assert (process.returncode, err) == (0, "")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="the shell is POSIX's")
+def test_what_was_closed_beforehand_is_no_error(csv: Path) -> None:
+    for closed in (">&-", "2>&-", ">&- 2>&-"):
+        command = ["sh", "-c", f'exec "$@" {closed}', "sh", *PHYSINC, "run", str(csv), "--json"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert len(events(done.stdout)) == (0 if closed.startswith(">") else len(events(physinc("run", csv, "--json").stdout)))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals are POSIX's")
+@pytest.mark.parametrize("module", ["physinc", "numpy", "physinc._physinc", "physinc.cli", "cyclopts", "rich.console"])
+def test_ctrl_c_is_quiet_while_it_is_being_loaded(module: str) -> None:
+    code = f"""
+import os, signal, sys
+from importlib.metadata import entry_points
+class CtrlC:
+    def find_spec(self, name, *rest):
+        if name == {module!r}:
+            os.kill(os.getpid(), signal.SIGINT)
+(command,) = entry_points(group="console_scripts", name="physinc")
+sys.meta_path.insert(0, CtrlC())
+sys.exit(command.load()())
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals are POSIX's")
+@pytest.mark.parametrize("out", ["out.npz", "out.pcapng.zst"])
+@pytest.mark.parametrize("scene", ["bounce?throws=1000", "bounce?throws=30"])
+def test_ctrl_c_ends_a_simulation_and_leaves_no_file(tmp_path: Path, scene: str, out: str) -> None:
+    with started("simulate", scene, tmp_path / out) as process:
+        if scene == "bounce?throws=30":
+            deadline = time.monotonic() + 30
+            while not any(tmp_path.iterdir()) and time.monotonic() < deadline:
+                time.sleep(0.05)
+        else:
+            # Its throws are still being made up.
+            time.sleep(3.0)
+            assert not any(tmp_path.iterdir())
+        assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        process.wait(timeout=5)
+        err = process.stderr.read() if process.stderr else ""
+    assert (process.returncode, err) == (130, "physinc: interrupted\n")
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("there", ["out.npz", "out.camera.toml", "out.truth.json"])
+def test_a_simulation_overwrites_nothing(tmp_path: Path, there: str) -> None:
+    (tmp_path / there).write_text("mine")
+    done = physinc("simulate", "drop", tmp_path / "out.npz")
+    assert done.returncode == 2
+    assert f"{tmp_path / there}: there is something already" in done.stderr
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(there, "mine")]

@@ -85,6 +85,10 @@ def test_a_file_is_read_and_what_is_printed_is_read_back(tmp_path: Path) -> None
         ({"environment": {"mesh": [{"path": "a.dae"}]}}, r"a\.dae: .* \.obj, \.stl or \.ply"),
         ({"environment": {"box": [{"name": "without size"}]}}, "environment.box.center"),
         ({"environment": {"plane": [{"normal": [0, 0, 2]}]}}, "environment.plane.normal"),
+        (
+            {"environment": {"box": [{"center": [0, 1, 0], "size": [1, 1, 1], "yaw": 0.1, "rotation": [1, 0, 0, 0]}]}},
+            "environment.box.yaw: expected yaw or rotation, not both",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused_by_name(config: Any, message: str) -> None:

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -71,6 +72,56 @@ def test_a_mesh_is_read_from_beside_its_file_and_from_python(tmp_path: Path) -> 
     assert dump_config(config=known) == dump_config(config=asdict(known)) == printed
     surfaces = [e for e in physinc.stream("demo", config=known) if isinstance(e, physinc.Surface) and e.id == 0]
     assert surfaces[0].name == "block"
+
+
+A = "[[environment.sphere]]\nname = 'a'\ncenter = [0.0, 1.0, 0.0]\nradius = 0.1\n"
+B = "[[environment.plane]]\nname = 'b'\n"
+C = "[[environment.box]]\nname = 'c'\ncenter = [0.0, 9.0, 0.0]\nsize = [1.0, 1.0, 1.0]\n"
+
+
+def names(config: Any) -> list[str | None]:
+    """Of the known surfaces, by their ids."""
+    known = {
+        event.id: event.name for event in physinc.stream(falling(), config=config, provisional=True) if isinstance(event, physinc.Surface)
+    }
+    return [known[i] for i in range(len(known))]
+
+
+def test_ids_follow_the_order_of_the_file_or_mapping(tmp_path: Path) -> None:
+    config = tmp_path / "config.toml"
+    for text in (A + B + C, C + B, C + A.replace("'a'", "'b'") + B.replace("'b'", "'a'") + C):
+        config.write_text(text)
+        order = [line.split("'")[1] for line in text.splitlines() if line.startswith("name")]
+        assert names(config) == order
+        config.write_text(dump_config(config=config))
+        assert names(config) == order
+    box = physinc.KnownBox((0, 9, 0), (1, 1, 1), "c")
+    assert names({"environment": {"box": [box], "plane": [{"name": "b"}]}}) == ["c", "b"]
+    assert names({"environment": {"plane": [{"name": "b"}], "box": [box]}}) == ["b", "c"]
+    known = physinc.EnvironmentConfig(box=[box], plane=[physinc.KnownPlane("b")])
+    assert names(physinc.Config(environment=known)) == ["b", "c"]
+
+
+def test_all_surfaces_that_a_configuration_has_room_for_are_known(tmp_path: Path) -> None:
+    (tmp_path / "m.obj").write_text(CLOSED)
+    many = {
+        "plane": [{"name": "b"}] * 8,
+        "box": [{"name": "c", "center": [0, 9, 0], "size": [1, 1, 1]}] * 8,
+        "sphere": [{"name": "a", "center": [0, 9, 0], "radius": 0.1}] * 8,
+        "mesh": [{"name": "d", "path": tmp_path / "m.obj"}] * 4,
+    }
+    assert "".join(name or "" for name in names({"environment": many})) == "bbbbbbbbccccccccaaaaaaaadddd"
+
+
+def test_a_time_too_far_away_is_an_error() -> None:
+    with physinc.stream(falling(), positions=True) as stream:
+        for event in stream:
+            if event.timestamp_ns >= int(11 / 30 * 1e9):
+                break
+        (track,) = stream.tracks.values()
+    for t in (1e9, -1e9):
+        with pytest.raises(ValueError, match=r"t = -?1000000000 s is too far from where track 1 was seen"):
+            track.predict(t)
 
 
 def falling() -> Iterator[physinc.Position]:

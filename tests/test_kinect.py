@@ -281,5 +281,5 @@ def test_ctrl_c_ends_it_in_order(virtual_kinect: VirtualKinect) -> None:
 @pytest.mark.parametrize("name", ["kinect?packets=200", "kinect?lose=0.1", "kinect:0?video=x"])
 def test_impossible_names_say_what_is_possible(name: str) -> None:
     result = run(*PHYSINC, "run", name)
-    assert result.returncode == 1
+    assert result.returncode == 2
     assert "expected" in result.stderr or "there are" in result.stderr

@@ -73,6 +73,29 @@ def test_whoever_closes_a_stream_has_a_whole_recording(packets: Path, tmp_path: 
         physinc.stream(packets, record=out)
 
 
+@pytest.mark.parametrize("there", ["out.npz", "out.camera.toml", "out.npz.stamps"])
+def test_what_is_in_the_way_is_named(packets: Path, tmp_path: Path, there: str) -> None:
+    (tmp_path / there).write_text("mine")
+    with pytest.raises(physinc.ConfigError, match=rf"{there}: there is something already, which is never overwritten"):
+        physinc.stream(packets, record=tmp_path / "out.npz")
+    assert [path.name for path in tmp_path.iterdir()] == [there]
+
+
+@pytest.mark.parametrize("out", ["out.csv", "out.pcapng.bz2", "out.zst", "out.npz.gz", "out.PNG", "out.7z"])
+def test_another_files_name_is_no_folders(packets: Path, tmp_path: Path, out: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["record", str(packets), str(tmp_path / out)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"{out}: recordings are *.npz, *.pcapng" in line
+    assert not any(tmp_path.iterdir())
+    (tmp_path / out).mkdir()
+    assert main(["record", str(packets), str(tmp_path / out), "--frames", "1"]) == 0
+
+
+def test_a_folder_may_end_with_a_date(packets: Path, tmp_path: Path) -> None:
+    assert main(["record", str(packets), str(tmp_path / "throws.2026"), "--frames", "1"]) == 0
+    assert frames(tmp_path / "throws.2026") == 1
+
+
 def test_a_line_tells_of_frames_losses_and_bytes(packets: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out.pcapng"
     assert main(["record", f"{packets}?lose=0.01&seed=1", str(out), "--frames", "20"]) == 0

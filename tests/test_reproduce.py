@@ -6,7 +6,12 @@ import base64
 import html
 import importlib.util
 import math
+import os
 import re
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -144,6 +149,39 @@ def test_misuse_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     (tmp_path / "file").touch()
     assert main(["reproduce", "--out", str(tmp_path / "file"), "--seeds", "1", "--only", "surfaces"]) == 1
     assert "file" in capsys.readouterr().err
+
+
+def children(process: int) -> list[int]:
+    told = Path(f"/proc/{process}/task/{process}/children").read_text()
+    return [int(child) for child in told.split()]
+
+
+def lives(process: int) -> bool:
+    """Whether it does more than wait for someone to ask how it ended."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="Linux tells who begot whom")
+@pytest.mark.parametrize("to_all", [False, True])
+@pytest.mark.parametrize("seconds", [0.0, 0.3, 6.0])
+def test_ctrl_c_ends_it_soon(tmp_path: Path, to_all: bool, seconds: float) -> None:
+    code = "import sys; from physinc.cli import main; sys.exit(main())"
+    command = [sys.executable, "-c", code, "reproduce", "--out", str(tmp_path / "out"), "--seeds", "50"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
+        # Two at work, and who watches over what they share.
+        while process.poll() is None and len(at_work := children(process.pid)) < 3:
+            time.sleep(0.01)
+        time.sleep(seconds)
+        (os.killpg if to_all else os.kill)(process.pid, signal.SIGINT)
+        out, err = process.communicate(timeout=10)
+    assert (process.returncode, out, err) == (130, "", "physinc: interrupted\n")
+    deadline = time.monotonic() + 10
+    while any(map(lives, at_work)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(map(lives, at_work))
 
 
 def test_what_is_lacking_is_said() -> None:

@@ -50,7 +50,7 @@ def test_npz_deflated_and_stored_disparity_and_big_endian_are_read(tmp_path: Pat
     ("change", "message"),
     [
         ({"timestamps_ns": None}, "no `timestamps_ns`"),
-        ({"depth_mm": None}, "neither `depth_mm` nor `disparity`"),
+        ({"depth_mm": None}, r"neither `depth_mm` nor `disparity` among its arrays \(timestamps_ns\)"),
         ({"disparity": np.zeros((5, 480, 640), np.uint16)}, "both `depth_mm` and `disparity`"),
         ({"depth_mm": np.zeros((5, 480, 640), np.float32)}, "`depth_mm` is of type .*: uint16"),
         ({"timestamps_ns": np.zeros(5)}, "`timestamps_ns` is of type .*: int64"),
@@ -147,6 +147,8 @@ def test_a_wrong_byte_anywhere_is_an_error_or_harmless(tmp_path: Path, place: fl
         ("t,x,y\n1,2,3\n", "no column `z`"),
         ("t,x,y,z\n0,1,2,inf\n", "line 2: positions must be finite"),
         ("t,x,y,z\n0,1,2,3\n0.1,1,2\n", "line 3: 3 fields"),
+        ("t,x,y,z\n0,1,2,3\n0.1,1,2,3,4\n", "line 3: 5 fields, the header has 4"),
+        ("t,x,y,z,z\n0,1,2,3,4\n", "line 1: two columns are called `z`"),
         ("t,x,y,z\nnan,1,2,3\n", 'line 2: t = "nan"'),
         ("t,x,y,z\n1e30,1,2,3\n", 'line 2: t = "1e30"'),
         ("\x00\x01\x02\xff" * 100, "line 1"),
@@ -223,6 +225,9 @@ def test_missing_foreign_and_unknown_sources_are_named(tmp_path: Path) -> None:
     (tmp_path / "picture.png").write_bytes(b"\x89PNG")
     for source in (tmp_path, tmp_path / "picture.png"):
         assert "sources are kinect, " in refusal(source)
+    for unknown in ("sim:nowhere", "sim:bounce?seed=-1", "", tmp_path):
+        with pytest.raises(physinc.UnknownSourceError):
+            physinc.stream(unknown)
     assert "there is no scene" in refusal("sim:nowhere")
     for device in (None, "kinect", "kinect:A00364A13567047A"):
         with pytest.raises(physinc.DeviceNotFoundError, match="physinc run demo"):

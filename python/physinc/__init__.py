@@ -74,6 +74,7 @@ from .errors import (
     RecordingError,
     RecordingNotFoundError,
     StreamTimeoutError,
+    UnknownSourceError,
 )
 from .event import Event
 from .motor import Motor
@@ -132,6 +133,7 @@ __all__ = [
     "TrackEnded",
     "TrackStarted",
     "TrackingConfig",
+    "UnknownSourceError",
     "VideoFrame",
     "__version__",
     "accelerations",

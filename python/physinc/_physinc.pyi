@@ -799,7 +799,8 @@ class Track:
 
         Where the environment is known, told or seen behind all objects, it bounces off what it meets there, and rolls where it bounces no
         more.
-        `t` is in seconds on the stream's clock, `timestamp_ns` the same in ns.
+        `t` is in seconds on the stream's clock, `timestamp_ns` the same in ns. Raises `ValueError` where that is so far away that no
+        finite numbers tell it.
         """
 
 @final

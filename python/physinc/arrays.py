@@ -8,7 +8,7 @@ answer where physics says no.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Literal, Protocol, TypeAlias
+from typing import Literal, Protocol, SupportsFloat, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -46,8 +46,7 @@ def fit_sphere(points: ArrayLike, radius: float | None = None) -> SphereFit | No
     sphere. A small cap leaves two mirrored spheres of known radius; of two that fit alike, the one farther from the origin is meant,
     where the camera stands.
     """
-    if radius is not None and not radius > 0:
-        raise ValueError(f"radius = {radius}: expected a length above 0, m")
+    _numbers(radius=radius)
     return _physinc.fit_sphere(points, radius)
 
 
@@ -79,6 +78,7 @@ def fit_flight(
     Noise: `sd` (m an axis), or `covariance` [3, 3] or [N, 3, 3] (m²); without either the residuals tell it, as white and even.
     `None` where no flight is found (a law too wild to converge). Least squares of Eq. 5 over the whole history, the f of Eq. 2.
     """
+    _numbers(sd=sd)
     return _physinc.fit_flight(t, positions, law, _beside(law, gravity), _drag(drag), sd, covariance)
 
 
@@ -110,6 +110,7 @@ def fit_scale(
     residuals tell it, which takes 6 positions instead of 4. `None` where no flight is seen: a constant velocity, a touch in between
     (`split_flights` parts there), a motion of its own.
     """
+    _numbers(gravity=gravity, sd=sd)
     found = _physinc.fit_scale(t, positions, gravity, drag if isinstance(drag, str) else _drag(drag), sd, covariance)
     return None if isinstance(found, str) else found
 
@@ -139,6 +140,7 @@ def find_inconsistencies(
     Noise as in `fit_flight`; left out, it is told by third differences (from 8 measurements on), which contacts hardly move.
     `gravity` is a vector [3] (m/s²). At least 3 measurements.
     """
+    _numbers(sd=sd, theta=theta, false_alarm=false_alarm)
     if method == "paper" and (law != "free_fall" or drag is not None):
         raise ValueError('the paper\'s method predicts by Eq. 5, under gravity alone: law must be "free_fall"')
     horizon = horizon or ("step" if method == "paper" else "flight")
@@ -170,6 +172,7 @@ def solve_contact(
     `None` where the flights don't meet between the two sides, or there are too few measurements: two a side, three where noise has to be
     estimated or the size of gravity alone is known, up to four with free gravity; three for the paper's.
     """
+    _numbers(duration=duration, radius=radius, sd=sd)
     first, second = _side(before, "before"), _side(after, "after")
     return _physinc.solve_contact(first, second, method, law, _beside(law, gravity), _drag(drag), duration, normal, radius, sd)
 
@@ -193,7 +196,14 @@ def fit_planes(
 
     At most 64 contacts. Raises ValueError where a contact has no covariance (`method="paper"`), TypeError where it is none.
     """
+    _numbers(radius=radius, spin_sd=spin_sd)
     return _physinc.fit_planes(contacts, radius, gravity, spin_sd)
+
+
+def _numbers(**given: object) -> None:
+    for name, value in given.items():
+        if not (value is None or isinstance(value, SupportsFloat)):
+            raise TypeError(f"{name} = {value!r}: expected a number")
 
 
 def _beside(law: AnyLaw, gravity: ArrayLike | float | None) -> ArrayLike | float | None:

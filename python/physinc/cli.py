@@ -14,12 +14,20 @@ from ._physinc import dump_config as configuration_in_force
 from ._physinc import open_recording
 from ._physinc import simulate as simulate_scene
 from .device_commands import devices, doctor
-from .errors import ConfigError, DeviceDisconnectedError, DeviceNotFoundError, PhysincError
+from .errors import (
+    ConfigError,
+    DeviceDisconnectedError,
+    DeviceNotFoundError,
+    PhysincError,
+    RecordingNotFoundError,
+    UnknownSourceError,
+)
 from .interrupting import interruptible
 from .level import Level, gravity_of
+from .level_command import Frames
 from .level_command import level as level_camera
 from .motor_commands import led, tilt
-from .narration import Narration, Progress, remark
+from .narration import Narration, Plain, Progress, remark
 from .reproduce_command import reproduce
 from .scale_command import scale
 from .streaming import open_named, path_of
@@ -27,6 +35,8 @@ from .streaming import open_named, path_of
 app = App(
     name="physinc",
     version=__version__,
+    console=Plain(),
+    suppress_keyboard_interrupt=False,
     help="""Watch a depth camera, or a ball's trajectory, and tell what happened, physically: where a ball bounced,
     off which surfaces, even those that the camera can't see.
 
@@ -42,7 +52,13 @@ def no_option(_: Any, source: str | None) -> None:
         raise ValueError(f"there is no option {source}")
 
 
-EXIT_CODES = {ConfigError: 2, DeviceNotFoundError: 3, DeviceDisconnectedError: 4}
+EXIT_CODES = {
+    ConfigError: 2,
+    UnknownSourceError: 2,
+    RecordingNotFoundError: 2,
+    DeviceNotFoundError: 3,
+    DeviceDisconnectedError: 4,
+}
 """Of what else goes wrong it is 1."""
 
 Flag = Parameter(negative="", show_default=False)
@@ -58,7 +74,7 @@ def run(
     provisional: Annotated[bool, Flag] = False,
     config: Path | None = None,
     camera: Path | None = None,
-    frames: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
+    frames: Frames = None,
     duration: Annotated[float | None, Parameter(validator=validators.Number(gte=0))] = None,
     every_frame: Annotated[bool, Flag] = False,
     level: Annotated[Level | None, Parameter(show_default=False)] = None,
@@ -109,7 +125,9 @@ def run(
     if dump_config:
         sys.stdout.write(configuration_in_force(None if source is None else path_of(source), config, camera))
         return 0
-    source = source or "kinect"
+    if tum and record is None:
+        raise ConfigError("--tum is the layout of the folder that --record names: name it, or leave --tum out")
+    source = "kinect" if source is None else source
     # Whoever types into a pipe, or throws the next ball, may take his time.
     timeout = None if source == "-" else 2.0
     stream = open_named(
@@ -146,7 +164,7 @@ def record(
     out: Path,
     /,
     *,
-    frames: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
+    frames: Frames = None,
     every_frame: Annotated[bool, Flag] = False,
     level: Annotated[Level | None, Parameter(show_default=False)] = None,
     tum: Annotated[bool, Flag] = False,
@@ -198,7 +216,7 @@ def simulate(scene: str, out: Path, /) -> int:
         both is what else is seen), with keys, if any, as in "bounce?seed=3&distance=2".
     out
         FILE.npz (frames), or FILE.pcapng, also .gz or .zst (a capture of the packets that a Kinect would send). `physinc run OUT` tells
-        what happens in it.
+        what happens in it. Nothing is overwritten.
 
     """
     frames, balls, contacts = simulate_scene(scene, out)
@@ -212,11 +230,16 @@ for command in (level_camera, scale, reproduce, tilt, led, devices, doctor):
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; its exit code."""
+    for name in ("stdout", "stderr"):
+        # Whoever closed it beforehand doesn't read either.
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115 - as long as the program runs
     try:
         return int(app(arguments, exit_on_error=False, result_action="return_value") or 0)
     except CycloptsError:
         return 2
     except KeyboardInterrupt:
+        sys.stderr.write("physinc: interrupted\n")
         return 130
     except BrokenPipeError:
         # Whoever read has heard enough; what is still buffered goes nowhere.

@@ -136,7 +136,7 @@ class KnownBox:
     name: str = ""
     """What to call it."""
     yaw: float = 0.0
-    """Turn about world z, rad."""
+    """Turn about world z, rad; 0 beside `rotation`."""
     rotation: Sequence[float] | None = None
     """Or the whole rotation, as a unit quaternion w, x, y, z."""
 
@@ -167,7 +167,7 @@ class KnownMesh:
 
 @dataclass(frozen=True)
 class EnvironmentConfig:
-    """`[[environment.*]]`: known surfaces, world frame."""
+    """`[[environment.*]]`: known surfaces, world frame. Their ids are 0, 1, … in a file's order; here they count on from kind to kind."""
 
     plane: Sequence[KnownPlane] = ()
     """Planes."""

@@ -13,6 +13,10 @@ class RecordingError(PhysincError, ValueError):
     """A source that isn't what it should be, or broke."""
 
 
+class UnknownSourceError(RecordingError):
+    """There is no such source, scene or fault, or it takes no such keys: the message says what there is."""
+
+
 class RecordingNotFoundError(RecordingError, FileNotFoundError):
     """There is no such file."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import tomlkit
@@ -21,6 +21,7 @@ from .narration import count
 from .streaming import open_named
 
 Flag = Parameter(negative="", show_default=False)
+Frames: TypeAlias = Annotated[int | None, Parameter(validator=validators.Number(gte=1, lt=2**63))]
 USUAL = 9.81
 """m/s²; within 0.3 % anywhere on Earth."""
 
@@ -32,7 +33,7 @@ def level(
     camera: Path | None = None,
     out: Annotated[Path | None, Parameter(show_default=False)] = None,
     config: Path | None = None,
-    frames: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
+    frames: Frames = None,
     duration: Annotated[float | None, Parameter(validator=validators.Number(gte=0))] = None,
     every_frame: Annotated[bool, Flag] = False,
     dry_run: Annotated[bool, Flag] = False,
@@ -104,7 +105,7 @@ def _tilted(config: Path | None) -> dict[str, Any]:
     """Return what `config` says, with the direction of gravity unknown."""
     try:
         keys: dict[str, Any] = tomlkit.parse(config.read_text(encoding="utf-8")).unwrap() if config is not None else {}
-    except (ParseError, UnicodeDecodeError) as error:
+    except (ParseError, UnicodeDecodeError, OSError) as error:
         raise ConfigError(f"{config}: {error}") from None
     return {**keys, "assume": {**keys.get("assume", {}), "camera": "tilted"}}
 

@@ -43,7 +43,8 @@ class Progress:
 
     def __exit__(self, *exception: object) -> None:
         self.status.stop()
-        self.console.print(self._line())
+        if self.count:
+            self.console.print(self._line())
 
     def tell(self, count: int, timestamp_ns: int, *, lost: int, size: int) -> None:
         """Show that there are `count` frames, the newest of `timestamp_ns`, `lost` packets that never came, and `size` bytes written."""

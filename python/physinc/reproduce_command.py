@@ -57,7 +57,8 @@ def reproduce(
     begin = time.monotonic()
     numbers = range(FIRST_SEED, FIRST_SEED + seeds)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True)) as progress:
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         bar = progress.add_task("starting", total=None)
         sections = run(chosen, numbers, lambda done, steps, what: progress.update(bar, completed=done, total=steps, description=what))
     for section in sections:

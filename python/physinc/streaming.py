@@ -146,7 +146,11 @@ def open_named(
 
 
 def path_of(name: str) -> str:
-    """Return what the engine opens for the source `name`."""
+    """Return what the engine opens for the source `name`, which must be text."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        raise ConfigError(f"{os.fsencode(name)!r}: a source's name must be UTF-8; rename the file, or link to it") from None
     return str(DEMO) if name == "demo" else name
 
 

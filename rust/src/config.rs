@@ -136,7 +136,7 @@ section! {
 }
 
 section! {
-    /// `[[environment.*]]`: known surfaces, world frame. Surface ids follow the order planes, boxes, spheres, meshes.
+    /// `[[environment.*]]`: known surfaces, world frame. Their ids are their places in [`EnvironmentConfig::kinds`].
     EnvironmentConfig {
         /// Planes.
         plane: Vec<KnownPlane, 8> = Vec::new(),
@@ -146,6 +146,34 @@ section! {
         sphere: Vec<KnownSphere, 8> = Vec::new(),
         /// Meshes.
         mesh: Vec<KnownMesh, 4> = Vec::new(),
+        /// Of which kind each is, in the file's order; `config_file` tells it.
+        #[cfg_attr(feature = "std", serde(skip))]
+        order: Vec<Kind, 28> = Vec::new(),
+    }
+}
+
+/// Kinds of known surfaces.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs)] // As they are called.
+pub enum Kind {
+    Plane,
+    Box,
+    Sphere,
+    Mesh,
+}
+
+impl Kind {
+    /// All there are.
+    pub const ALL: [Self; 4] = [Self::Plane, Self::Box, Self::Sphere, Self::Mesh];
+
+    /// What it is called in a configuration.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Plane => "plane",
+            Self::Box => "box",
+            Self::Sphere => "sphere",
+            Self::Mesh => "mesh",
+        }
     }
 }
 
@@ -170,7 +198,7 @@ section! {
         center: [f64; 3] = [f64::NAN; 3],
         /// Full edges, m.
         size: [f64; 3] = [f64::NAN; 3],
-        /// Turn about world z, rad.
+        /// Turn about world z, rad; 0 beside `rotation`.
         yaw: f64 = 0.0,
         /// Or the whole rotation, as a unit quaternion w, x, y, z.
         rotation: Option<[f64; 4]> = None,
@@ -471,6 +499,16 @@ impl ObjectConfig {
 }
 
 impl EnvironmentConfig {
+    /// Of which kind each known surface is: in the file's order, then, kind by kind, those of which it says nothing.
+    pub fn kinds(&self) -> impl Iterator<Item = Kind> {
+        let lengths = [self.plane.len(), self.r#box.len(), self.sphere.len(), self.mesh.len()];
+        let rest = Kind::ALL.into_iter().zip(lengths).flat_map(|(kind, length)| {
+            let told = self.order.iter().filter(|told| **told == kind).count();
+            core::iter::repeat_n(kind, length.saturating_sub(told))
+        });
+        self.order.iter().copied().chain(rest)
+    }
+
     fn validate(&self) -> Result<(), ConfigError> {
         for plane in &self.plane {
             unit("environment.plane.normal", &plane.normal)?;
@@ -479,6 +517,8 @@ impl EnvironmentConfig {
         for known in &self.r#box {
             finite("environment.box.center", &known.center)?;
             finite("environment.box.yaw", &[known.yaw])?;
+            let turned_twice = known.rotation.is_some() && known.yaw != 0.0;
+            refuse(&[(turned_twice, "environment.box.yaw", "yaw or rotation, not both")])?;
             for edge in known.size {
                 within("environment.box.size", edge, 1e-6, 1e4, "edges of 1e-6 to 10000 m")?;
             }

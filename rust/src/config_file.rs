@@ -1,13 +1,16 @@
 //! Configuration and camera files: TOML to structs, and errors that name file, line and key.
 
-use crate::config::{CameraConfig, Config};
+use crate::config::{CameraConfig, Config, EnvironmentConfig, Kind};
 use crate::error::ConfigError;
 use crate::mesh_file::{self, MeshFileError};
 use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
 use std::format;
 use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
 use std::sync::Arc;
+use toml::de::DeTable;
+use toml::{Spanned, Table};
 
 /// What is wrong with a configuration, and where.
 #[derive(Debug, thiserror::Error)]
@@ -53,6 +56,7 @@ pub enum ConfigFileError {
 pub fn read_config(path: &Path) -> Result<Config, ConfigFileError> {
     let text = read(path)?;
     let mut config: Config = parse(path, &text)?;
+    number(&mut config.environment, in_order(&text).values().map(String::as_str));
     let folder = path.parent().unwrap_or(Path::new(""));
     read_meshes(&mut config, folder, |named| {
         let line = text.lines().position(|line| line.contains("path") && line.contains(named));
@@ -60,6 +64,23 @@ pub fn read_config(path: &Path) -> Result<Config, ConfigFileError> {
     })?;
     config.validate().map_err(|error| impossible(path, &text, error))?;
     Ok(config)
+}
+
+/// Lets the ids of known surfaces follow `kinds`, which says by name of which kind each is.
+pub fn number<'a>(environment: &mut EnvironmentConfig, kinds: impl Iterator<Item = &'a str>) {
+    let kind = |name: &str| Kind::ALL.into_iter().find(|kind| kind.name() == name);
+    environment.order = kinds.filter_map(kind).take(environment.order.capacity()).collect();
+}
+
+/// Where in `text` each known surface stands, and of which kind it is.
+fn in_order(text: &str) -> BTreeMap<usize, String> {
+    let table = DeTable::parse(text).map(Spanned::into_inner).unwrap_or_default();
+    let environment = table.get("environment").and_then(|environment| environment.get_ref().as_table());
+    let entries = environment.into_iter().flatten().flat_map(|(kind, entries)| {
+        let entries = entries.get_ref().as_array().into_iter().flat_map(|entries| entries.iter());
+        entries.map(|entry| (entry.span().start, kind.get_ref().to_string()))
+    });
+    entries.collect()
 }
 
 /// Reads the meshes that `config` names, relative to `folder`; `place` says where one is named. Their paths are whole from then on, where
@@ -90,12 +111,24 @@ pub fn read_camera(path: &Path) -> Result<CameraConfig, ConfigFileError> {
     Ok(camera)
 }
 
-/// The TOML of a configuration; what is left out is at its default.
+/// The TOML of a configuration; what is left out is at its default. Known surfaces stand in the order of their ids.
 ///
 /// # Errors
 /// Never, in practice: every configuration can be written.
 pub fn to_toml(config: &Config) -> Result<String, toml::ser::Error> {
-    toml::to_string(config)
+    let mut whole = Table::try_from(config)?;
+    let mut surfaces = String::new();
+    if let Some(environment) = whole.get_mut("environment").and_then(toml::Value::as_table_mut) {
+        let (empty, mut known): (Table, Table) =
+            core::mem::take(environment).into_iter().partition(|(_, entries)| entries.as_array().is_none_or(std::vec::Vec::is_empty));
+        *environment = empty;
+        for name in config.environment.kinds().map(Kind::name) {
+            let Some(toml::Value::Array(entries)) = known.get_mut(name).filter(|entries| entries.get(0).is_some()) else { continue };
+            let entry = BTreeMap::from([(name, [entries.remove(0)])]);
+            surfaces += &toml::to_string(&BTreeMap::from([("environment", entry)]))?;
+        }
+    }
+    Ok(toml::to_string(&whole)? + &surfaces)
 }
 
 fn read(path: &Path) -> Result<String, ConfigFileError> {
@@ -140,6 +173,7 @@ fn line_of(text: &str, key: &str) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::environment::Environment;
 
     fn message(text: &str) -> String {
         match parse::<Config>(Path::new("c.toml"), text)
@@ -170,6 +204,30 @@ mod tests {
         {
             assert!(message(text).contains(key), "{text}: {}", message(text));
         }
+    }
+
+    #[test]
+    fn known_surfaces_stand_in_the_files_order() {
+        let plane = "[[environment.plane]]\nname = \"a\"\n";
+        let cuboid = "[[environment.box]]\nname = \"b\"\ncenter = [0.0, 1.0, 0.0]\nsize = [1.0, 1.0, 1.0]\n";
+        let sphere = "[[environment.sphere]]\nname = \"c\"\ncenter = [0.0, 1.0, 0.0]\nradius = 1.0\n";
+        let path = std::env::temp_dir().join(format!("physinc-order-{}.toml", std::process::id()));
+        for (text, expected) in [
+            ([sphere, plane, cuboid, plane].concat(), "caba"),
+            ([plane, cuboid, sphere].concat(), "abc"),
+            ("environment = { sphere = [{ name = 'c', center = [0.0, 1.0, 0.0], radius = 1.0 }], plane = [{ name = 'a' }] }".into(), "ca"),
+            (String::new(), ""),
+        ] {
+            let read = |text: &str| {
+                std::fs::write(&path, text).unwrap();
+                read_config(&path).unwrap()
+            };
+            let config = read(&text);
+            let surfaces = Environment::new(&config.environment);
+            assert_eq!(surfaces.surfaces().iter().map(|surface| surface.name.as_str()).collect::<String>(), expected);
+            assert_eq!(read(&to_toml(&config).unwrap()), config);
+        }
+        std::fs::remove_file(&path).unwrap();
     }
 
     #[test]

@@ -23,7 +23,7 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
 fn the_same_seed_gives_the_same_bytes() {
     let bytes = |scene: &str| {
         let mut file = Cursor::new(Vec::new());
-        recording::write_npz(&Scene::parse(scene).unwrap(), &mut file).unwrap();
+        recording::write_npz(&Scene::parse(scene).unwrap(), &mut file, || Ok(())).unwrap();
         file.into_inner()
     };
     let samples = |scene: &str| {
@@ -48,7 +48,8 @@ fn a_recording_holds_what_the_scene_holds() {
     let folder = std::env::temp_dir().join(format!("physinc-sim-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let spec = "bounce?throws=1&fps=10&tilt_deg=27&pose=1";
-    let summary = sim::simulate(spec, &folder.join("a.npz")).unwrap();
+    let simulate = |out: &str| sim::simulate(spec, &folder.join(out));
+    let summary = simulate("a.npz").unwrap();
     let scene = Scene::parse(spec).unwrap();
     let keys: CameraConfig = toml::from_str(&std::fs::read_to_string(&summary.camera).unwrap()).unwrap();
     assert_eq!(Camera::from_config(&keys, scene.camera().code).unwrap(), scene.camera());
@@ -64,9 +65,11 @@ fn a_recording_holds_what_the_scene_holds() {
     }
     let truth: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&summary.truth).unwrap()).unwrap();
     assert_eq!(truth["contacts"].as_array().unwrap().len(), summary.contacts);
+    assert!(simulate("a.npz").unwrap_err().to_string().contains("a.npz: there is something already"));
+    assert!(simulate("a.pcapng").unwrap_err().to_string().contains("a.camera.toml: there is something already"));
     std::fs::remove_dir_all(&folder).unwrap();
-    assert!(sim::simulate(spec, &folder.join("a.npz")).unwrap_err().to_string().contains("check that the folder exists"));
-    assert!(sim::simulate(spec, &folder.join("a.zip")).unwrap_err().to_string().contains("OUT.npz"));
+    assert!(simulate("a.npz").unwrap_err().to_string().contains("check that the folder exists"));
+    assert!(simulate("a.zip").unwrap_err().to_string().contains("OUT.npz"));
 }
 
 #[test]

@@ -59,7 +59,7 @@ fn a_bus_at_full_speed_carries_them() {
 #[test]
 fn a_capture_of_it_holds_them_and_tells_the_calibration() {
     let scene = Scene::parse("passive_flight?throws=1&seed=2").unwrap();
-    let capture = write_capture(&scene, Vec::new()).unwrap();
+    let capture = write_capture(&scene, Vec::new(), || Ok(())).unwrap();
     let mut captured = Captured::read(Cursor::new(capture)).unwrap().unwrap();
     assert_eq!((captured.packing(), captured.zero_plane()), (Packing::Eleven, Some(physinc::sim::packets::zero_plane())));
     let counters = assemble(&scene, || captured.next_packet().unwrap().map(|(bytes, at)| (bytes.to_vec(), at))).counters();

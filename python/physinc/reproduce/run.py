@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from typing import Any
 
 from .experiment import Experiment, Section, Task
@@ -18,26 +19,42 @@ def run(experiments: Sequence[Experiment], seeds: Sequence[int], done: Callable[
     tasks: list[tuple[int, Task]] = [(i, task) for i, experiment in enumerate(experiments) for task in experiment.tasks(seeds)]
     steps = len(tasks) + len(experiments)
     results: list[Any] = [None] * len(tasks)
-    with ProcessPoolExecutor(PROCESSES, multiprocessing.get_context("spawn"), _quiet) as pool:
+    others = multiprocessing.active_children()
+    with ProcessPoolExecutor(PROCESSES, multiprocessing.get_context("spawn")) as pool:
         try:
-            futures = {pool.submit(task[0], *task[1]): index for index, (_, task) in enumerate(tasks)}
+            with _unheard():
+                futures = {pool.submit(task[0], *task[1]): index for index, (_, task) in enumerate(tasks)}
             for count, future in enumerate(as_completed(futures), 1):
                 results[futures[future]] = future.result()
                 done(count, steps, experiments[tasks[futures[future]][0]].name)
             drawings = []
             for i, experiment in enumerate(experiments):
                 mine = [result for (of, _), result in zip(tasks, results, strict=True) if of == i]
-                drawings.append(pool.submit(experiment.section, seeds, mine))
+                with _unheard():
+                    drawings.append(pool.submit(experiment.section, seeds, mine))
             sections = []
             for count, (experiment, drawing) in enumerate(zip(experiments, drawings, strict=True), len(tasks) + 1):
                 sections.append(drawing.result())
                 done(count, steps, f"{experiment.name}: figures")
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
+            # Nobody waits for what they are at.
+            for process in multiprocessing.active_children():
+                if process not in others:
+                    process.kill()
             raise
     return sections
 
 
-def _quiet() -> None:
-    """Leave Ctrl-C to the parent."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+@contextmanager
+def _unheard() -> Iterator[None]:
+    """Let processes that begin here leave Ctrl-C to their parent, from their first instruction on."""
+    mask: Any = getattr(signal, "pthread_sigmask", None)  # Windows has none.
+    if mask is None:
+        yield
+        return
+    # They inherit what is blocked; here it is heard afterwards.
+    before = mask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        mask(signal.SIG_SETMASK, before)

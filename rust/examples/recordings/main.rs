@@ -39,12 +39,15 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// The camera is asked of the file; what really happened is no user's business.
 fn make_demo(package: &Path) -> Result<(), Box<dyn Error>> {
-    let made = simulate(DEMO, &package.join("demo.pcapng.zst"))?;
+    let [demo, camera] = ["demo.pcapng.zst", "demo.camera.toml"].map(|name| package.join(name));
+    fs::remove_file(&demo).and_then(|()| fs::remove_file(camera))?;
+    let made = simulate(DEMO, &demo)?;
     Ok(fs::remove_file(made.truth)?)
 }
 
 fn make_fixtures(folder: &Path) -> Result<(), Box<dyn Error>> {
     let clean = folder.join("clean.pcapng.zst");
+    fs::remove_file(&clean)?;
     let made = simulate(THROW, &clean)?;
     fs::rename(made.camera, folder.join("camera.toml"))?;
     fs::rename(made.truth, folder.join("truth.json"))?;

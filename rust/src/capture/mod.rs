@@ -11,7 +11,7 @@ mod unpacked;
 mod urb;
 mod writer;
 
-pub use output::Output;
+pub use output::{Output, occupied};
 pub use packets::Packets;
 pub use writer::Writer;
 

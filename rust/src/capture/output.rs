@@ -4,7 +4,12 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+/// The first of `paths` at which there is something, which is not to be overwritten; an empty file is nothing.
+pub fn occupied(paths: impl IntoIterator<Item = PathBuf>) -> Option<PathBuf> {
+    paths.into_iter().find(|path| std::fs::metadata(path).is_ok_and(|found| !(found.is_file() && found.len() == 0)))
+}
 
 /// A file to be written through. What was flushed can be read back, even if the end is never written.
 pub enum Output {

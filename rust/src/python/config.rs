@@ -20,7 +20,12 @@ pub fn config(from: Option<&Bound<'_, PyAny>>) -> PyResult<Config> {
     let config = if let Some(path) = path(from) {
         config_file::read_config(&path)?
     } else {
-        let mut config = keys(from, "config")?;
+        let tree = whole(from, "config")?;
+        let surfaces = tree.get("environment").and_then(toml::Value::as_table).into_iter().flatten();
+        let count = |entries: &toml::Value| entries.as_array().map_or(0, Vec::len);
+        let kinds = surfaces.flat_map(|(kind, entries)| std::iter::repeat_n(kind.as_str(), count(entries)));
+        let mut config: Config = keys(tree.clone(), "config")?;
+        config_file::number(&mut config.environment, kinds);
         config_file::read_meshes(&mut config, Path::new(""), |_| "config".into())?;
         config
     };
@@ -40,7 +45,7 @@ pub fn camera(from: Option<&Bound<'_, PyAny>>) -> PyResult<CameraSource> {
     let Some(from) = from else { return Ok(CameraSource::Nowhere) };
     match path(from) {
         Some(path) => Ok(CameraSource::File(path)),
-        None => Ok(CameraSource::Keys(Box::new(keys(from, "camera")?))),
+        None => Ok(CameraSource::Keys(Box::new(keys(whole(from, "camera")?, "camera")?))),
     }
 }
 
@@ -70,14 +75,18 @@ fn path(from: &Bound<'_, PyAny>) -> Option<PathBuf> {
     from.extract().ok()
 }
 
-fn keys<T: DeserializeOwned>(from: &Bound<'_, PyAny>, what: &str) -> PyResult<T> {
+/// A dict or a dataclass, in its order.
+fn whole(from: &Bound<'_, PyAny>, what: &str) -> PyResult<toml::Value> {
     if !(from.is_instance_of::<PyDict>() || from.hasattr("__dataclass_fields__")?) {
         return Err(PyTypeError::new_err(format!(
             "{what} must be the path of a TOML file, a dict or a dataclass, got {}",
             from.get_type()
         )));
     }
-    let tree = tree(from, what)?.unwrap_or_else(|| toml::Table::new().into());
+    Ok(tree(from, what)?.unwrap_or_else(|| toml::Table::new().into()))
+}
+
+fn keys<T: DeserializeOwned>(tree: toml::Value, what: &str) -> PyResult<T> {
     tree.try_into().map_err(|error| in_config(format!("{what}: {}", error.to_string().trim_end().replace('\n', " "))))
 }
 

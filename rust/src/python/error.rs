@@ -17,6 +17,7 @@ mod exceptions {
     pyo3::import_exception!(physinc.errors, RecordingError);
     pyo3::import_exception!(physinc.errors, RecordingNotFoundError);
     pyo3::import_exception!(physinc.errors, StreamTimeoutError);
+    pyo3::import_exception!(physinc.errors, UnknownSourceError);
 }
 pub use exceptions::{ConfigError, PhysincError, RecordingError, StreamTimeoutError};
 
@@ -25,6 +26,7 @@ impl From<SourceError> for PyErr {
         let message = error.to_string();
         match error {
             SourceError::Record(error) => (*error).into(),
+            SourceError::Unknown { .. } => exceptions::UnknownSourceError::new_err(message),
             SourceError::NotFound { .. } => exceptions::RecordingNotFoundError::new_err(message),
             SourceError::Device(DeviceError { problem, .. }) => match problem {
                 Problem::NoBus { .. } | Problem::NotFound { .. } => exceptions::DeviceNotFoundError::new_err(message),
@@ -39,11 +41,9 @@ impl From<SourceError> for PyErr {
             SourceError::NoDevice { .. } => exceptions::DeviceNotFoundError::new_err(message),
             SourceError::CameraFile(_) | SourceError::Camera(_) => ConfigError::new_err(message),
             SourceError::Panicked => PhysincError::new_err(message),
-            SourceError::Unreadable { .. }
-            | SourceError::Unsupported { .. }
-            | SourceError::Malformed { .. }
-            | SourceError::Empty { .. }
-            | SourceError::Image(_) => RecordingError::new_err(message),
+            SourceError::Unreadable { .. } | SourceError::Malformed { .. } | SourceError::Empty { .. } | SourceError::Image(_) => {
+                RecordingError::new_err(message)
+            }
         }
     }
 }

@@ -19,7 +19,10 @@ use std::vec::Vec;
 /// A sphere through points.
 #[pyfunction]
 pub fn fit_sphere(points: &Bound<'_, PyAny>, radius: Option<f64>) -> PyResult<Option<SphereFit>> {
-    let fit = sphere::fit_sphere(&self::points(points, "points")?, length(radius, "radius")?);
+    if let Some(radius) = radius.filter(|radius| !(*radius > 0.0 && radius.is_finite())) {
+        return Err(PyValueError::new_err(format!("radius = {radius}: expected a length above 0, m")));
+    }
+    let fit = sphere::fit_sphere(&self::points(points, "points")?, radius);
     Ok(fit.map(|fit| SphereFit {
         center: fit.center.into(),
         radius: fit.radius,

@@ -21,7 +21,9 @@ pub fn fit_planes(contacts: &Bound<'_, PyAny>, radius: Option<f64>, gravity: &Bo
         return Err(PyValueError::new_err(format!("spin_sd = {spin_sd}: expected 0 to 10000 rad/s")));
     }
     let (mut patches, mut indices) = (Vec::new(), Vec::new());
-    for (index, item) in contacts.try_iter()?.enumerate() {
+    let shown = super::array::shown(contacts);
+    let wrong = |_| PyTypeError::new_err(format!("contacts must be an iterable of Contact or ContactFit, got {shown}"));
+    for (index, item) in contacts.try_iter().map_err(wrong)?.enumerate() {
         let (patch, complete) = patch(&item?, index, radius, spin_sd)?;
         if !complete {
             return Err(PyValueError::new_err(format!("contact {index} has no covariance, so nobody knows how near its plane is")));

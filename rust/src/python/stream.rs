@@ -296,7 +296,8 @@ impl Track {
     /// Where it will be by the laws of physics: center [3] (m, world) and covariance [3, 3] (m²).
     ///
     /// Where the environment is known, told or seen behind all objects, it bounces off what it meets there, and rolls where it bounces no more.
-    /// `t` is in seconds on the stream's clock, `timestamp_ns` the same in ns.
+    /// `t` is in seconds on the stream's clock, `timestamp_ns` the same in ns. Raises `ValueError` where that is so far away that no finite
+    /// numbers tell it.
     #[pyo3(signature = (t=None, *, timestamp_ns=None))]
     fn predict<'py>(&self, py: Python<'py>, t: Option<f64>, timestamp_ns: Option<i64>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         let timestamp_ns = match (t, timestamp_ns) {
@@ -305,6 +306,10 @@ impl Track {
             _ => return Err(PyTypeError::new_err("predict takes t (s on the stream's clock, finite) or timestamp_ns")),
         };
         let (center, covariance) = self.predictor.predict_among(&self.environment, timestamp_ns);
+        if !center.iter().chain(&covariance).all(|x| x.is_finite()) {
+            let t = timestamp_ns as f64 / 1e9;
+            return Err(PyValueError::new_err(format!("t = {t} s is too far from where track {} was seen to be predicted", self.track())));
+        }
         Ok((array1(py, center.as_slice()), array2(py, &rows(&covariance))?))
     }
 

@@ -25,7 +25,7 @@ mod witness;
 
 pub use packets::Packets;
 pub use parameters::{Parameters, SCENES};
-pub use recording::{Summary, simulate};
+pub use recording::{Plan, Summary, simulate};
 pub use scene::{Frame, Frames, Position, Scene};
 pub use truth::Truth;
 
@@ -72,6 +72,9 @@ pub enum SimError {
     /// A recording must be one of those.
     #[error("{0}: a simulated recording is written as OUT.npz or OUT.pcapng (also .gz, .zst); give a name that ends so")]
     Unwritable(PathBuf),
+    /// Nothing is overwritten.
+    #[error("{0}: there is something already, which is never overwritten: name a new file")]
+    Occupied(PathBuf),
     /// A file could not be written.
     #[error("{path}: {source}; check that the folder exists, can be written, and has room")]
     Write {

@@ -26,6 +26,7 @@ pub struct Csv<R> {
 }
 
 struct Columns {
+    count: usize,
     t: usize,
     center: [usize; 3],
     track: Option<usize>,
@@ -105,7 +106,13 @@ impl<R: Read + Send> Source for Csv<R> {
 
 impl Columns {
     fn find(header: &StringRecord) -> Result<Self, String> {
-        let column = |name: &str| header.iter().position(|field| field.trim_start_matches('\u{feff}').trim_matches('"') == name);
+        let names: Vec<_> = header.iter().map(|field| field.trim_start_matches('\u{feff}').trim_matches('"')).collect();
+        let column = |name: &str| names.iter().position(|field| *field == name);
+        let covariance = ["xx", "xy", "xz", "yy", "yz", "zz"];
+        let is_twice = |name: &&str| names.iter().filter(|field| *field == name).count() > 1;
+        if let Some(twice) = ["t", "x", "y", "z", "track"].into_iter().chain(covariance).find(is_twice) {
+            return Err(format!("line 1: two columns are called `{twice}`"));
+        }
         let needed = |name: &str| {
             column(name).ok_or_else(|| {
                 let shown: String = header.iter().collect::<Vec<_>>().join(",").chars().take(60).collect();
@@ -119,8 +126,8 @@ impl Columns {
                 format!("line 1: no column `{name}`; the header must be t,x,y,z (s and m), it is {shown:?}{fix}")
             })
         };
-        let covariance = ["xx", "xy", "xz", "yy", "yz", "zz"];
         Ok(Self {
+            count: names.len(),
             t: needed("t")?,
             center: [needed("x")?, needed("y")?, needed("z")?],
             track: column("track"),
@@ -137,6 +144,9 @@ impl Columns {
     }
 
     fn row(&self, record: &StringRecord, radius: f64) -> Result<Row, String> {
+        if record.len() > self.count {
+            return Err(format!("{} fields, the header has {}", record.len(), self.count));
+        }
         let t = field(record, self.t)?;
         let timestamp_ns = nanoseconds(t).ok_or_else(|| format!("t = {t:?} is no decimal number of seconds"))?;
         let [Some(x), Some(y), Some(z)] = numbers(record, self.center)? else { return Ok(Row { timestamp_ns, measurement: None }) };
@@ -255,6 +265,9 @@ mod tests {
             ("t,x,y,z\n0,1e9,2,3\n", "line 2: positions must be finite metres"),
             ("t,x,y,z\nsoon,1,2,3\n", "line 2: t = \"soon\""),
             ("t,x,y,z\n0,1,2\n", "line 2: 3 fields"),
+            ("t,x,y,z\n0,1,2,3,4\n", "line 2: 5 fields, the header has 4"),
+            ("t,x,y,z,z\n0,1,2,3,4\n", "line 1: two columns are called `z`"),
+            ("t,x,y,z,yy,yy\n", "line 1: two columns are called `yy`"),
             ("t,x,y,z\n0,1,two,3\n", "line 2: \"two\" is no number"),
             ("t,x,y,z,track\n0,1,2,3,-1\n", "line 2: track = \"-1\""),
             (&("t,x,y,z\n".to_owned() + &"0,1,2,3\n".repeat(17)), "line 18: more than 16 positions at one time"),

@@ -1,6 +1,6 @@
 //! What can be wrong with a source: what happened, the evidence, and what mends it.
 
-use super::{KINDS, RecordError};
+use super::RecordError;
 use crate::config_file::ConfigFileError;
 use crate::error::ConfigError;
 use crate::seeing::SeeError;
@@ -25,13 +25,13 @@ pub enum SourceError {
         /// What it says.
         error: io::Error,
     },
-    /// This version has no such source.
-    #[error("{source_name}: {why}; sources are {KINDS}")]
-    Unsupported {
+    /// There is no such source, or it takes no such keys.
+    #[error("{source_name}: {what}")]
+    Unknown {
         /// What the user named.
         source_name: String,
-        /// Why not.
-        why: String,
+        /// What there is instead.
+        what: String,
     },
     /// No device can be read.
     #[error("{source_name}: this build reads no live Kinects (feature `usb`); without one, try `physinc run demo`")]
@@ -80,6 +80,10 @@ impl SourceError {
             io::ErrorKind::NotFound => Self::NotFound { source_name: source_name.into() },
             _ => Self::Unreadable { source_name: source_name.into(), error },
         }
+    }
+
+    pub(crate) fn unknown(source_name: &str, what: impl Into<String>) -> Self {
+        Self::Unknown { source_name: source_name.into(), what: what.into() }
     }
 
     pub(crate) fn malformed(source_name: &str, what: impl Into<String>) -> Self {

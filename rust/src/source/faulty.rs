@@ -66,7 +66,7 @@ impl Faulty {
     /// A source that delivers no packets.
     pub fn new(name: &str, source: Box<dyn Source>, faults: Faults) -> Result<Self, SourceError> {
         if source.kinect().is_none() {
-            return Err(SourceError::malformed(name, "faults happen to packets, and it delivers none"));
+            return Err(SourceError::unknown(name, "faults happen to packets, and it delivers none"));
         }
         Ok(Self {
             name: name.into(),

@@ -155,7 +155,7 @@ pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<
         return Err(SourceError::NoDevice { source_name: source.into() });
     }
     if let Some((packets, faults)) = with_faults(source) {
-        let faults = Faults::parse(faults).map_err(|what| SourceError::malformed(source, what))?;
+        let faults = Faults::parse(faults).map_err(|what| SourceError::unknown(source, what))?;
         return Ok(Box::new(Faulty::new(source, open(packets, config, camera)?, faults)?));
     }
     #[cfg(feature = "sim")]
@@ -163,13 +163,13 @@ pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<
         return Ok(Box::new(Simulated::new(source)?));
     }
     let path = Path::new(source);
-    let unsupported = |why: &str| SourceError::Unsupported { source_name: source.into(), why: why.into() };
+    let unknown = |why: &str| SourceError::unknown(source, std::format!("{why}; sources are {KINDS}"));
     if path.is_dir() {
         let keys = || sidecar::in_force(path, config, camera);
         return match [fakenect::INDEX, tum::INDEX].map(|index| path.join(index).is_file()) {
             [true, _] => Ok(Box::new(Fakenect::open(path, &keys()?)?)),
             [false, true] => Ok(Box::new(Tum::open(path, &keys()?)?)),
-            [false, false] => Err(unsupported("neither INDEX.txt nor depth.txt in this folder")),
+            [false, false] => Err(unknown("neither INDEX.txt nor depth.txt in this folder")),
         };
     }
     let extension = path.extension().map(|extension| extension.to_ascii_lowercase().to_string_lossy().into_owned());
@@ -180,9 +180,10 @@ pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<
             let file = std::fs::File::open(path).map_err(|error| SourceError::unreadable(source, error))?;
             Ok(Box::new(Csv::new(source, file, radius)))
         }
+        _ if source.is_empty() => Err(unknown("a source without a name")),
         _ => match std::fs::metadata(path) {
             Err(error) => Err(SourceError::unreadable(source, error)),
-            Ok(_) => Err(unsupported("the name doesn't say what it is")),
+            Ok(_) => Err(unknown("the name doesn't say what it is")),
         },
     }
 }

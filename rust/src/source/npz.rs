@@ -56,8 +56,8 @@ impl Npz {
             (false, true) => DISPARITY,
             (true, true) => return Err(malformed("it has both `depth_mm` and `disparity`: one of them is expected".into())),
             (false, false) => {
-                let found: Vec<_> = archive.file_names().take(8).collect();
-                return Err(malformed(format!("neither `depth_mm` nor `disparity` in it, only {found:?}")));
+                let found: Vec<_> = archive.file_names().flatten().take(8).map(|name| name.trim_end_matches(".npy").to_string()).collect();
+                return Err(malformed(format!("neither `depth_mm` nor `disparity` among its arrays ({})", found.join(", "))));
             }
         };
         let images = Entry::open(path, &mut archive, key, TypeChar::Uint, 2).map_err(malformed)?;

@@ -4,7 +4,7 @@ use super::fakenect::FakenectFolder;
 use super::npz_record::{self, NpzFile};
 use super::tum::TumFolder;
 use super::{Input, Kinect, Source, SourceError, capture};
-use crate::capture::{Output, Writer};
+use crate::capture::{Output, Writer, occupied};
 use crate::event::Counters;
 use crate::geometry::camera::Camera;
 use crate::kinect::disparity::{HEIGHT, WIDTH};
@@ -51,6 +51,7 @@ fn reason(error: &io::Error) -> String {
                 "there is no room for more ({error}); what was recorded until now can be read: free some space, or record to another disk"
             )
         }
+        io::ErrorKind::NotFound => format!("{error}: make the folder first"),
         _ => error.to_string(),
     }
 }
@@ -102,7 +103,8 @@ impl Recorder {
     /// # Errors
     /// A source of positions, a capture of a source without packets, an `out` that holds something already, or a format that can't be written.
     pub fn new(source: &dyn Source, out: &Path, tum: bool) -> Result<Self, RecordError> {
-        let refused = |why: &str| RecordError::Refused { out: out.into(), why: why.into() };
+        let refused_at = |out: &Path, why: &str| RecordError::Refused { out: out.into(), why: why.into() };
+        let refused = |why: &str| refused_at(out, why);
         let Some(camera) = source.camera() else {
             return Err(refused(&format!("{} delivers positions; only frames are recorded", source.name())));
         };
@@ -112,16 +114,13 @@ impl Recorder {
         if format == Format::Capture && kinect.is_none() {
             return Err(refused(&format!("captures hold packets, and {} delivers frames: name FILE.npz or a folder", source.name())));
         }
-        let is_free = match format {
-            Format::Npz | Format::Capture => {
-                std::fs::metadata(out).map_or(true, |file| file.is_file() && file.len() == 0)
-                    && !beside(out).exists()
-                    && !npz_record::journal(out).exists()
-            }
-            _ => !out.exists() || std::fs::read_dir(out).is_ok_and(|mut folder| folder.next().is_none()),
+        let found = match format {
+            Format::Npz | Format::Capture => occupied([out.into(), beside(out), npz_record::journal(out)]),
+            _ if std::fs::read_dir(out).is_ok_and(|mut folder| folder.next().is_none()) => None,
+            _ => Some(out.into()).filter(|out: &PathBuf| out.exists()),
         };
-        if !is_free {
-            return Err(refused("there is something already, which is never overwritten: name a new file or an empty folder"));
+        if let Some(found) = found {
+            return Err(refused_at(&found, "there is something already, which is never overwritten: name a new file or an empty folder"));
         }
         let assembler = kinect.and_then(|Kinect { packing, .. }| Assembler::new(packing, std::vec![0; packing.frame_bytes()]).ok());
         let samples = if assembler.is_some() { std::vec![0; WIDTH * HEIGHT] } else { Vec::new() };
@@ -219,13 +218,17 @@ impl Recorder {
 
 fn format_of(out: &Path, folder: Format) -> Result<Format, &'static str> {
     let extension = |path: &Path| path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
-    match extension(&capture::unpacked_name(out)).as_deref() {
-        Some("pcapng" | "npz") if folder == Format::Tum => Err("--tum is the layout of a folder, and this is a file"),
-        Some("pcapng") => Ok(Format::Capture),
-        Some("pcap") => Err("captures hold packets, and are written as *.pcapng, also .gz or .zst"),
-        Some("npz") => Ok(Format::Npz),
-        _ => Ok(folder),
-    }
+    let format = match (extension(out).as_deref(), extension(&capture::unpacked_name(out)).as_deref()) {
+        (_, Some("pcapng")) => Format::Capture,
+        (Some("npz"), _) => Format::Npz,
+        // A date may end a folder's name.
+        (Some(suffix), _) if !out.is_dir() && suffix.chars().any(char::is_alphabetic) => {
+            return Err("recordings are *.npz, *.pcapng (of packets, also .gz or .zst) or folders, and this name is of another file; \
+                 make a folder of this name first if one is meant");
+        }
+        _ => return Ok(folder),
+    };
+    if folder == Format::Tum { Err("--tum is the layout of a folder, and this is a file") } else { Ok(format) }
 }
 
 /// The camera file of `OUT.npz` or a capture.

@@ -27,7 +27,7 @@ impl Simulated {
     /// # Errors
     /// An unknown scene or key, or a value that can't be.
     pub fn new(name: &str) -> Result<Self, SourceError> {
-        let scene = Scene::parse(name.trim_start_matches("sim:")).map_err(|error| SourceError::malformed(name, error.to_string()))?;
+        let scene = Scene::parse(name.trim_start_matches("sim:")).map_err(|error| SourceError::unknown(name, error.to_string()))?;
         let shown = if scene.truth().parameters.packets {
             Shown::Packets(Box::new(Packets::new(&scene)))
         } else {

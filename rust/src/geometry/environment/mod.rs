@@ -15,7 +15,7 @@ pub use sweep::Sweep;
 #[cfg(feature = "std")]
 pub use topology::MeshError;
 
-use crate::config::{EnvironmentConfig, Name};
+use crate::config::{EnvironmentConfig, Kind, KnownBox, KnownPlane, KnownSphere, Name};
 use crate::math::{Mat3, Vec3, sqrt};
 use heapless::Vec;
 use nalgebra::{Quaternion, UnitQuaternion};
@@ -76,52 +76,28 @@ pub const SURVEY_SD: f64 = 0.003;
 
 impl Environment {
     /// Surfaces that are told at the most.
-    pub const CAPACITY: usize = 24;
+    pub const CAPACITY: usize = 28;
     /// And with planes that a camera sees.
     pub const ALL: usize = Self::CAPACITY + Relief::PLANES;
 
-    /// The environment of a valid configuration: planes, boxes, spheres, meshes, each in the file's order.
+    /// The environment of a valid configuration.
     pub fn new(config: &EnvironmentConfig) -> Self {
-        let mut surfaces = Vec::new();
-        for plane in &config.plane {
-            let normal = Vec3::from(plane.normal);
-            let _ = surfaces.push(KnownSurface { name: plane.name.clone(), normal, offset: plane.offset, shape: Shape::Plane });
-        }
-        for known in &config.r#box {
-            let turn = known.rotation.map_or_else(
-                || UnitQuaternion::from_axis_angle(&Vec3::z_axis(), known.yaw),
-                |[w, x, y, z]| UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)),
-            );
-            let rotation = turn.to_rotation_matrix().into_inner();
-            let (center, half) = (Vec3::from(known.center), Vec3::from(known.size) * 0.5);
-            // The face that looks up most.
-            let face = (0..3).max_by(|&i, &j| rotation[(2, i)].abs().total_cmp(&rotation[(2, j)].abs())).unwrap_or(2);
-            let normal: Vec3 = rotation.column(face) * 1f64.copysign(rotation[(2, face)]);
-            let offset = normal.dot(&center) + half[face];
-            let _ = surfaces.push(KnownSurface { name: known.name.clone(), normal, offset, shape: Shape::Box { center, half, rotation } });
-        }
-        for sphere in &config.sphere {
-            let (center, radius) = (Vec3::from(sphere.center), sphere.radius);
-            let offset = center.z + radius;
-            let _ = surfaces.push(KnownSurface {
-                name: sphere.name.clone(),
-                normal: Vec3::z(),
-                offset,
-                shape: Shape::Sphere { center, radius },
-            });
-        }
+        let mut planes = config.plane.iter().map(KnownSurface::plane);
+        let mut boxes = config.r#box.iter().map(KnownSurface::cuboid);
+        let mut spheres = config.sphere.iter().map(KnownSurface::sphere);
         #[cfg(feature = "std")]
-        for known in &config.mesh {
-            // A valid configuration's are all there.
-            let Some(mesh) = known.solid.clone() else { continue };
-            let pose = known.pose.unwrap_or([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]);
-            let (origin, rotation) = (Vec3::from_fn(|i, _| pose[i][3]), Mat3::from_fn(|i, j| pose[i][j]));
-            let (normal, point) = mesh.top(&rotation.row(2).transpose()).unwrap_or((Vec3::z(), Vec3::zeros()));
-            let normal = rotation * normal;
-            let offset = normal.dot(&(origin + rotation * point));
-            let _ = surfaces.push(KnownSurface { name: known.name.clone(), normal, offset, shape: Shape::Mesh { mesh, origin, rotation } });
-        }
-        Self { surfaces, relief: None }
+        let mut meshes = config.mesh.iter().filter_map(KnownSurface::mesh);
+        let surfaces = config.kinds().filter_map(|kind| match kind {
+            Kind::Plane => planes.next(),
+            Kind::Box => boxes.next(),
+            Kind::Sphere => spheres.next(),
+            #[cfg(feature = "std")]
+            Kind::Mesh => meshes.next(),
+            #[cfg(not(feature = "std"))]
+            Kind::Mesh => None,
+        });
+        // There is room for all that a configuration has room for.
+        Self { surfaces: surfaces.take(Self::CAPACITY).collect(), relief: None }
     }
 
     /// Learns what a camera sees, in place of what it saw before.
@@ -189,6 +165,41 @@ impl Environment {
 }
 
 impl KnownSurface {
+    fn plane(known: &KnownPlane) -> Self {
+        Self { name: known.name.clone(), normal: known.normal.into(), offset: known.offset, shape: Shape::Plane }
+    }
+
+    fn cuboid(known: &KnownBox) -> Self {
+        let turn = known.rotation.map_or_else(
+            || UnitQuaternion::from_axis_angle(&Vec3::z_axis(), known.yaw),
+            |[w, x, y, z]| UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)),
+        );
+        let rotation = turn.to_rotation_matrix().into_inner();
+        let (center, half) = (Vec3::from(known.center), Vec3::from(known.size) * 0.5);
+        // The face that looks up most.
+        let face = (0..3).max_by(|&i, &j| rotation[(2, i)].abs().total_cmp(&rotation[(2, j)].abs())).unwrap_or(2);
+        let normal: Vec3 = rotation.column(face) * 1f64.copysign(rotation[(2, face)]);
+        let offset = normal.dot(&center) + half[face];
+        Self { name: known.name.clone(), normal, offset, shape: Shape::Box { center, half, rotation } }
+    }
+
+    fn sphere(known: &KnownSphere) -> Self {
+        let (center, radius) = (Vec3::from(known.center), known.radius);
+        Self { name: known.name.clone(), normal: Vec3::z(), offset: center.z + radius, shape: Shape::Sphere { center, radius } }
+    }
+
+    /// `None` where it is not read: a valid configuration's are.
+    #[cfg(feature = "std")]
+    fn mesh(known: &crate::config::KnownMesh) -> Option<Self> {
+        let mesh = known.solid.clone()?;
+        let pose = known.pose.unwrap_or([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]);
+        let (origin, rotation) = (Vec3::from_fn(|i, _| pose[i][3]), Mat3::from_fn(|i, j| pose[i][j]));
+        let (normal, point) = mesh.top(&rotation.row(2).transpose()).unwrap_or((Vec3::z(), Vec3::zeros()));
+        let normal = rotation * normal;
+        let offset = normal.dot(&(origin + rotation * point));
+        Some(Self { name: known.name.clone(), normal, offset, shape: Shape::Mesh { mesh, origin, rotation } })
+    }
+
     fn cast(&self, origin: &Vec3, ray: &Vec3, longest: f64) -> Option<f64> {
         let single = |v: Vec3| Single::new(v.x as f32, v.y as f32, v.z as f32);
         let local = |origin: Vec3, ray: Vec3| Ray::new(single(origin), single(ray));

@@ -92,7 +92,7 @@ impl Live {
     /// # Errors
     /// There is none, or it can't be had.
     pub fn open(name: &str, keys: &CameraConfig) -> Result<Self, SourceError> {
-        let (device, wanted) = parse(name).map_err(|what| SourceError::malformed(name, what))?;
+        let (device, wanted) = parse(name).map_err(|what| SourceError::unknown(name, what))?;
         let open = connect(device, wanted).map_err(|problem| DeviceError::new(name, problem))?;
         let calibration = open.calibration;
         let plane = calibration.zero_plane;
