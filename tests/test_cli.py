@@ -79,14 +79,14 @@ def test_stdin_is_read(csv: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (["run", "nowhere.npz"], 2, "no such file"),
-        (["run", "nowhere.txt"], 2, "no such file"),
+        (["run", "nowhere.npz"], 1, "no such file"),
+        (["run", "nowhere.txt"], 1, "no such file"),
         (["run", "/"], 2, "sources are"),
         (["run", ""], 2, "a source without a name"),
         (["run", "", "--dump-config"], 2, "a source without a name"),
         (["run", os.fsdecode(b"\xff.npz")], 2, "must be UTF-8"),
         (["run", os.fsdecode(b"\xff.npz"), "--dump-config"], 2, "must be UTF-8"),
-        (["run", "nowhere.npz", "--dump-config"], 2, "no such file"),
+        (["run", "nowhere.npz", "--dump-config"], 1, "no such file"),
         (["run", "sim:nowhere", "--dump-config"], 2, "there is no scene"),
         (["run", "sim:nowhere"], 2, "there is no scene"),
         (["run", "sim:bounce?seed=-1"], 2, "seed=-1"),
@@ -103,7 +103,7 @@ def test_stdin_is_read(csv: Path) -> None:
         (["nonsense"], 2, "nonsense"),
         (["run"], 3, "physinc run demo"),
         (["run", "kinect:1"], 3, "physinc run demo"),
-        (["record", "nowhere.npz", "out.npz"], 2, "no such file"),
+        (["record", "nowhere.npz", "out.npz"], 1, "no such file"),
         (["record", os.fsdecode(b"\xff.npz"), "out.npz"], 2, "must be UTF-8"),
         (["record", "demo", "/nowhere/out.npz"], 1, "make the folder first"),
         (["level", "demo", "--config", "nowhere.toml"], 2, "nowhere.toml"),
@@ -254,10 +254,14 @@ def test_ctrl_c_ends_a_simulation_and_leaves_no_file(tmp_path: Path, scene: str,
     assert not any(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("there", ["out.npz", "out.camera.toml", "out.truth.json"])
-def test_a_simulation_overwrites_nothing(tmp_path: Path, there: str) -> None:
+@pytest.mark.parametrize("there", ["out.npz", "out.camera.toml"])
+def test_a_simulation_overwrites_only_another(tmp_path: Path, there: str) -> None:
     (tmp_path / there).write_text("mine")
     done = physinc("simulate", "drop", tmp_path / "out.npz")
     assert done.returncode == 2
     assert f"{tmp_path / there}: there is something already" in done.stderr
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(there, "mine")]
+    (tmp_path / there).unlink()
+    for scene in ("drop?seed=1", "drop?seed=2"):
+        assert physinc("simulate", scene, tmp_path / "out.npz").returncode == 0
+    assert "drop?seed=2" in (tmp_path / "out.truth.json").read_text()

@@ -360,7 +360,7 @@ def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[st
         (["ball.csv", "out.npz"], 2, "only frames are recorded"),
         (["empty", "out"], 1, "empty"),
         (["empty", "out.npz"], 1, "empty"),
-        (["nowhere.npz", "out"], 2, "no such file"),
+        (["nowhere.npz", "out"], 1, "no such file"),
         (["kinect", "out"], 3, "physinc run demo"),
         (["demo", "/dev/null/out"], 1, "/dev/null/out"),
         (["demo", "out", "--frames", "0"], 2, "frames"),

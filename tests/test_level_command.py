@@ -146,7 +146,7 @@ def test_without_a_flight_nothing_is_written(npz: Path, csv: Path, capsys: pytes
     assert not npz.with_suffix(".camera.toml").exists()
     assert main(["level", str(csv)]) == 2
     assert "no camera to be levelled" in capsys.readouterr().err
-    assert main(["level", str(npz.with_name("nothing.npz"))]) == 2
+    assert main(["level", str(npz.with_name("nothing.npz"))]) == 1
     assert "nothing.npz" in capsys.readouterr().err
 
 

@@ -232,7 +232,7 @@ def test_a_track_of_its_own_accord_is_refused(tmp_path: Path, capsys: pytest.Cap
         ("t,x,y,z\n0,0,0,up\n", "line 2", 1),
         ("t,x,y,z\n", "no positions", 1),
         ("t,x,y,z,track\n0,0,0,0,a\n", "track", 1),
-        (None, "nothing.csv", 2),
+        (None, "nothing.csv", 1),
     ],
 )
 def test_bad_files_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str | None, words: str, code: int) -> None:

@@ -19,7 +19,6 @@ from .errors import (
     DeviceDisconnectedError,
     DeviceNotFoundError,
     PhysincError,
-    RecordingNotFoundError,
     UnknownSourceError,
 )
 from .interrupting import interruptible
@@ -55,7 +54,6 @@ def no_option(_: Any, source: str | None) -> None:
 EXIT_CODES = {
     ConfigError: 2,
     UnknownSourceError: 2,
-    RecordingNotFoundError: 2,
     DeviceNotFoundError: 3,
     DeviceDisconnectedError: 4,
 }
@@ -216,7 +214,7 @@ def simulate(scene: str, out: Path, /) -> int:
         both is what else is seen), with keys, if any, as in "bounce?seed=3&distance=2".
     out
         FILE.npz (frames), or FILE.pcapng, also .gz or .zst (a capture of the packets that a Kinect would send). `physinc run OUT` tells
-        what happens in it. Nothing is overwritten.
+        what happens in it. Only another simulation is overwritten.
 
     """
     frames, balls, contacts = simulate_scene(scene, out)

@@ -72,8 +72,8 @@ pub enum SimError {
     /// A recording must be one of those.
     #[error("{0}: a simulated recording is written as OUT.npz or OUT.pcapng (also .gz, .zst); give a name that ends so")]
     Unwritable(PathBuf),
-    /// Nothing is overwritten.
-    #[error("{0}: there is something already, which is never overwritten: name a new file")]
+    /// What is no simulation is not overwritten.
+    #[error("{0}: there is something already that was not simulated, and is not overwritten: name a new file")]
     Occupied(PathBuf),
     /// A file could not be written.
     #[error("{path}: {source}; check that the folder exists, can be written, and has room")]

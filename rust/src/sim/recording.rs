@@ -71,7 +71,8 @@ impl Plan {
             _ => return Err(SimError::Unwritable(out.to_path_buf())),
         };
         let (camera, truth) = (plain.with_extension("camera.toml"), plain.with_extension("truth.json"));
-        if let Some(found) = occupied([out.into(), camera.clone(), truth.clone()]) {
+        // What has its truth beside it was simulated.
+        if let Some(found) = occupied([out.into(), camera.clone()]).filter(|_| !truth.exists()) {
             return Err(SimError::Occupied(found));
         }
         let scene = match format {

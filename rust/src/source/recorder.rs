@@ -216,13 +216,15 @@ impl Recorder {
     }
 }
 
+/// Suffixes of files that are no recordings: no folder is meant by them.
+const OTHERS: [&str; 13] = ["7z", "bz2", "csv", "gz", "json", "pcap", "png", "toml", "tsv", "txt", "xz", "zip", "zst"];
+
 fn format_of(out: &Path, folder: Format) -> Result<Format, &'static str> {
     let extension = |path: &Path| path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
     let format = match (extension(out).as_deref(), extension(&capture::unpacked_name(out)).as_deref()) {
         (_, Some("pcapng")) => Format::Capture,
         (Some("npz"), _) => Format::Npz,
-        // A date may end a folder's name.
-        (Some(suffix), _) if !out.is_dir() && suffix.chars().any(char::is_alphabetic) => {
+        (Some(suffix), _) if !out.is_dir() && OTHERS.contains(&suffix) => {
             return Err("recordings are *.npz, *.pcapng (of packets, also .gz or .zst) or folders, and this name is of another file; \
                  make a folder of this name first if one is meant");
         }
