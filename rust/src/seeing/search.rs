@@ -6,7 +6,7 @@ use crate::detect::ball::{Found, View};
 use crate::detect::components::{CHUNK, Cluttered, Component, Marks, connect};
 use crate::detect::foreground::{Frame, Sample};
 use crate::geometry::camera::Camera;
-use crate::simd::{fetch, widest};
+use crate::simd::widest;
 use core::cell::Cell;
 use core::ops::Range;
 use heapless::Vec;
@@ -61,7 +61,6 @@ impl Seeing<'_> {
                         // What lies so far apart, memory does not bring by itself.
                         if stride > 1 {
                             source.fetch(row + 2 * stride, columns);
-                            fetch(limits_of(row + 2 * stride));
                         }
                         *marks = Marks::of(source.glance(row, columns.clone()), limits_of(row), columns.start, width, coding);
                         marks.at_hand = false;
