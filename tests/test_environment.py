@@ -113,6 +113,21 @@ def test_all_surfaces_that_a_configuration_has_room_for_are_known(tmp_path: Path
     assert "".join(name or "" for name in names({"environment": many})) == "bbbbbbbbccccccccaaaaaaaadddd"
 
 
+def test_a_plane_has_two_sides() -> None:
+    found = {}
+    for up in (1.0, -1.0):
+        plane = {"name": "floor", "normal": [0.0, 0.0, up], "offset": 0.0}
+        events = list(physinc.stream("demo", config={"environment": {"plane": [plane]}}, provisional=True))
+        surfaces = [event for event in events if isinstance(event, physinc.Surface)]
+        assert list(surfaces[0].normal) == [0.0, 0.0, up]
+        (floor,) = (surface for surface in surfaces if surface.final and surface.id == 0)
+        assert list(floor.normal) == [0.0, 0.0, 1.0]
+        contacts = (event for event in events if isinstance(event, physinc.Contact) and event.final and event.surface == 0)
+        found[up] = [floor.contacts, *(contact.time_ns for contact in contacts)]
+    assert found[1.0] == found[-1.0]
+    assert found[1.0][0] > 3
+
+
 def test_a_time_too_far_away_is_an_error() -> None:
     with physinc.stream(falling(), positions=True) as stream:
         for event in stream:

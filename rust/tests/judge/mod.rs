@@ -210,7 +210,11 @@ pub fn hold(events: &[Event]) {
                 }
                 Some((0, c.id))
             }
-            Kind::Surface(s) => Some((1, s.id)),
+            Kind::Surface(s) => {
+                let named = s.above.map(|above| above.surface).into_iter().chain(s.merged_into);
+                named.for_each(|id| assert!(finals.contains_key(&(1, id)), "{s:?} names one that was not told"));
+                Some((1, s.id))
+            }
             Kind::CameraOrientation(o) => Some((2, o.id)),
             Kind::CameraMotion(m) => Some((3, m.id)),
             Kind::Activity(a) => Some((4, a.id)),
