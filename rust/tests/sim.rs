@@ -65,6 +65,8 @@ fn a_recording_holds_what_the_scene_holds() {
     }
     let truth: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&summary.truth).unwrap()).unwrap();
     assert_eq!(truth["contacts"].as_array().unwrap().len(), summary.contacts);
+    simulate("a.npz").unwrap();
+    std::fs::remove_file(&summary.truth).unwrap();
     assert!(simulate("a.npz").unwrap_err().to_string().contains("a.npz: there is something already"));
     assert!(simulate("a.pcapng").unwrap_err().to_string().contains("a.camera.toml: there is something already"));
     std::fs::remove_dir_all(&folder).unwrap();
