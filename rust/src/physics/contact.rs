@@ -51,10 +51,10 @@ pub struct Contact {
 }
 
 impl Contact {
-    /// When the ball is back at the height of the contact, s; `None` where it did not go up.
+    /// When the ball is back at the height of the contact, s; `None` where it did not come down and go up again, as off a wall.
     pub fn returns(&self) -> Option<f64> {
-        let rise = -self.after.dot(&self.gravity);
-        (rise > 0.0).then(|| self.time + 2.0 * rise / self.gravity.norm_squared())
+        let [fall, rise] = [self.before, -self.after].map(|v| v.dot(&self.gravity));
+        (fall > 0.0 && rise > 0.0).then(|| self.time + 2.0 * rise / self.gravity.norm_squared())
     }
 
     /// Covariance of `center`, m².
@@ -306,6 +306,9 @@ mod tests {
             let c = solver.solve(&samples, 8, Some(&Vec3::z())).unwrap();
             assert!((c.time - time).abs() < 2e-6 && (c.center.z - 0.033).abs() < 5e-6, "{duration} {c:?}");
             assert!((c.restitution(&Vec3::z()).unwrap() - 2.3 / 3.1).abs() < 1e-4);
+            assert!((c.returns().unwrap() - time - 2.0 * 2.3 / 9.81).abs() < 1e-4);
+            // Off a wall, on its way up.
+            assert_eq!(Contact { before: c.after, ..c }.returns(), None);
         }
         let (samples, _) = bounce(0.0045);
         let c = Solver { law: &LAW, gravity: &Gravity::known(G), duration: 0.0 }.solve(&samples, 8, None).unwrap();

@@ -271,14 +271,15 @@ impl Surfaces {
             })
     }
 
-    /// Hands out every surface as it is now: known ones, found ones, and those that merged since they were handed out last; what lies lower comes
-    /// first, so that none names one that was never handed out. With `last`, all of them, for good.
+    /// Hands out every surface as it is now: known ones, found ones, and those that merged since they were handed out last; of each what lies lower
+    /// comes first, so that none names one that was never handed out. With `last`, all of them, for good.
     pub fn tell(&mut self, up: &Up, last: bool, mut out: impl FnMut(Surface, bool)) {
         let mut known: Vec<(u32, &KnownSurface), { Environment::CAPACITY }> = (0..).zip(self.environment.surfaces()).collect();
         known.sort_unstable_by(|a, b| a.1.offset.total_cmp(&b.1.offset));
         known.iter().for_each(|(id, known)| out(self.known(*id, known, up), last));
         let mut order: Vec<usize, SURFACES> = (0..self.found.len()).collect();
-        order.sort_unstable_by(|a, b| self.found[*a].plane.offset.total_cmp(&self.found[*b].plane.offset));
+        let rank = |i: usize| (self.found[i].merged_into.is_some(), self.found[i].plane.offset);
+        order.sort_unstable_by(|a, b| rank(*a).0.cmp(&rank(*b).0).then(rank(*a).1.total_cmp(&rank(*b).1)));
         for i in order {
             let Found { merged_into, told, over, .. } = self.found[i];
             let gone = merged_into.is_some();

@@ -61,7 +61,7 @@ impl Plan {
     /// As [`simulate`], but for writing it.
     ///
     /// # Errors
-    /// What [`Scene::parse`] refuses, a name that is no recording's, and files that are there already.
+    /// What [`Scene::parse`] refuses, a name that is no recording's, and files that are there already and were not simulated.
     pub fn new(scene: &str, out: &Path) -> Result<Self, SimError> {
         let packed = out.extension().is_some_and(|e| e == "gz" || e == "zst");
         let plain = if packed { out.with_extension("") } else { out.to_path_buf() };
