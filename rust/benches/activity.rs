@@ -30,7 +30,7 @@ fn main() {
 fn calibrate(tracks: u64) {
     let law = FreeFallWithDrag::of(&ObjectConfig::default(), &LawsConfig::default(), 0.033);
     let gravity = Gravity::known(Vec3::new(0.0, 0.0, -9.81));
-    let around = Surroundings { law: &law, gravity: &gravity, duration: 0.0045, normal_at: &|_| None };
+    let around = Surroundings { law: &law, gravity: &gravity, duration: 0.0045, normal_at: &|_| None, beyond: &|_| false };
     let place = Circumstances {
         around: &around,
         law: LawName::FreeFall,

@@ -245,3 +245,19 @@ fn a_low_hop_ends_in_time() {
         assert!((first.center[2] - 0.033).abs() < 1e-3 && (first.time_ns - 500_000_000).abs() < 1_000_000, "{phase}: {first:?}");
     }
 }
+
+#[test]
+fn a_hop_of_which_one_frame_tells_makes_no_contact_below_the_floor() {
+    let at = |t: f64, center| ((t * 1e9) as i64, vec![measurement((t * 1e9) as i64, center, None, Some(2.5e-7))]);
+    for (restitution, phase) in [0.4, 0.45, 0.5, 0.55, 0.6].into_iter().flat_map(|e| (0..12).map(move |phase| (e, phase))) {
+        // Three throws show where the floor is.
+        let throws = (0..3).flat_map(|n| (0..30).map(move |i| (f64::from(n), f64::from(i) / 30.0)));
+        let throws = throws.map(|(n, t)| at(2.0 * n + t, bounce(t)));
+        let times = (0..45).map(|i| (f64::from(i) + f64::from(phase) / 12.0) / 30.0);
+        let inputs: Vec<_> = throws.chain(times.map(|t| at(6.0 + t, hops(restitution, t)))).collect();
+        let (events, _) = stream(&ideal(), &inputs);
+        let told = contacts(&events);
+        let right = |contact: &physinc::event::Contact| contact.center[2] > 0.033 - 4e-3 && contact.surface == Some(0);
+        assert!(told.len() > 3 && told.iter().all(|contact| right(contact)), "{restitution}, {phase}: {told:?}");
+    }
+}

@@ -239,7 +239,13 @@ impl Reasoning {
     }
 
     fn around<'a>(&'a self, law: &'a dyn Law) -> Surroundings<'a> {
-        Surroundings { law, gravity: &self.gravity, duration: self.config.object.contact_duration, normal_at: &|_| None }
+        Surroundings {
+            law,
+            gravity: &self.gravity,
+            duration: self.config.object.contact_duration,
+            normal_at: &|_| None,
+            beyond: &|_| false,
+        }
     }
 
     fn up(&self) -> Up {
@@ -335,7 +341,8 @@ impl Reasoning {
             let Self { tracks, noise, gravity, surfaces, config, last_activity, .. } = self;
             let duration = config.object.contact_duration;
             let normal_at = |c: &Contact| surfaces.touched(&c.center, &c.center_covariance(), radius).map(|(_, normal)| normal);
-            let around = Surroundings { law: &law, gravity, duration, normal_at: &normal_at };
+            let beyond = |c: &Contact| surfaces.is_beyond(&c.center, &c.center_covariance(), radius);
+            let around = Surroundings { law: &law, gravity, duration, normal_at: &normal_at, beyond: &beyond };
             if let Some(track) = tracks.iter_mut().find(|t| t.id == id) {
                 f(track, noise, &around, &mut findings);
                 let nearest = |p: &Vec3| surfaces.environment().nearest(p).map(|(distance, normal, _)| (distance, normal));

@@ -40,6 +40,14 @@ pub fn outline(points: impl Iterator<Item = Vec3>, normal: &Vec3, offset: f64) -
     hull.iter().step_by(stride).map(|(a, b)| (u * *a + v * *b + normal * offset).into()).collect()
 }
 
+/// Whether `point`, seen along `normal`, lies within a hull by [`outline`].
+pub fn is_within(point: &Vec3, hull: &[[f64; 3]], normal: &Vec3) -> bool {
+    let next = hull.iter().cycle().skip(1);
+    let to_the_left =
+        |(a, b): (&[f64; 3], &[f64; 3])| normal.dot(&(Vec3::from(*b) - Vec3::from(*a)).cross(&(point - Vec3::from(*a)))) > 0.0;
+    hull.len() > 2 && hull.iter().zip(next).all(to_the_left)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -50,6 +58,10 @@ mod tests {
         let hull = outline(points.iter().map(|&(x, y)| Vec3::new(x, y, 7.0)), &Vec3::z(), 0.5);
         assert_eq!(hull.len(), 4);
         assert!(hull.iter().all(|p| (p[2] - 0.5).abs() < 1e-12 && (p[0] * (1.0 - p[0])).abs() < 1e-12));
+        for (point, within) in [((0.1, 0.9), true), ((0.9, 0.9), true), ((1.1, 0.5), false), ((0.5, -0.1), false), ((-0.1, -0.1), false)] {
+            assert_eq!(is_within(&Vec3::new(point.0, point.1, -3.0), &hull, &Vec3::z()), within);
+        }
+        assert!(!is_within(&Vec3::zeros(), &hull[..2], &Vec3::z()));
         assert_eq!(outline([Vec3::x()].into_iter(), &Vec3::z(), 0.0).len(), 1);
         assert_eq!(outline([Vec3::x(), Vec3::y()].into_iter(), &Vec3::z(), 0.0).len(), 2);
         assert_eq!(outline(core::iter::empty(), &Vec3::z(), 0.0).len(), 0);

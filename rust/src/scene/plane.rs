@@ -2,7 +2,8 @@
 //!
 //! Each contact says three things of a plane with normal n, offset d and restitution e: its center is one radius away,
 //! n·c = d + R; after + e·before lies in it, whatever friction and spin; and, without spin across the motion, the motion stays in
-//! one plane with the normal, n·(before × after) = 0.
+//! one plane with the normal, n·(before × after) = 0. A fourth thing has no equality: friction slows a ball along the plane, without spin it
+//! neither speeds it up nor turns it back.
 
 use crate::event;
 use crate::math::{Mat3, Vec3, rows, sqrt};
@@ -96,7 +97,7 @@ impl Patch {
         let within = self.after + self.before * e;
         let bend = self.before.cross(&self.after);
         let scatter = RESTITUTION_SCATTER * n.dot(&self.before).abs();
-        let spin = 0.355 * self.radius * self.spin_sd * (self.after - self.before).norm();
+        let spin = self.spin_speed() * (self.after - self.before).norm();
         let deflection = DEFLECTION * self.before.norm() * self.after.norm();
         let swerve = sqrt(spin * spin + deflection * deflection);
         [
@@ -112,6 +113,36 @@ impl Patch {
                 self.sd(&zero, &self.after.cross(n), &n.cross(&self.before), swerve),
             ),
         ]
+    }
+}
+
+impl Patch {
+    /// How much of its speed along a surface a ball may owe to its spin, m/s (standard deviation): what a hollow ball's grip makes of it.
+    fn spin_speed(&self) -> f64 {
+        0.355 * self.radius * self.spin_sd
+    }
+
+    /// What friction on a surface with the normal `n` (its tangents `u` and `v`) can't have done, that it sped the ball up along it or turned it back,
+    /// in the form of [`Patch::observations`]; `None` where it has not.
+    fn slip(&self, n: &Vec3, u: &Vec3, v: &Vec3) -> Option<(Vector4<f64>, f64, f64)> {
+        let [before, after] = [self.before, self.after].map(|w| w - n * n.dot(&w));
+        let along = if before.norm_squared() > after.norm_squared() { before } else { after }.try_normalize(1e-9)?;
+        let (fast, left) = (along.dot(&before), along.dot(&after));
+        let allowed = left.clamp(fast.min(0.0), fast.max(0.0));
+        if allowed == left {
+            return None;
+        }
+        // As fast as it came, or not at all.
+        let came = if allowed == 0.0 { 0.0 } else { 1.0 };
+        let turned = n.dot(&(self.before * came - self.after));
+        let deflection = DEFLECTION * self.before.norm();
+        let sd = self.sd(&Vec3::zeros(), &(along * -came), &along, sqrt(self.spin_speed() * self.spin_speed() + deflection * deflection));
+        Some((Vector4::new(along.dot(u) * turned, along.dot(v) * turned, 0.0, 0.0), allowed - left, sd))
+    }
+
+    /// Whether the ball came from the side that `normal` shows to.
+    fn faces(&self, normal: &Vec3) -> bool {
+        normal.dot(&self.before) < 0.0
     }
 }
 
@@ -148,7 +179,9 @@ impl Plane {
         let first = patches.clone().next()?;
         let free = Self::converge(&patches, first.normal, 1.0)?;
         let Some(up) = up else { return Some(free) };
-        let level = Self::converge(&patches, up.direction, sqrt(LEVEL_SD * LEVEL_SD + up.variance));
+        // A ceiling is level, too.
+        let side = if first.before.dot(&up.direction) < 0.0 { up.direction } else { -up.direction };
+        let level = Self::converge(&patches, side, sqrt(LEVEL_SD * LEVEL_SD + up.variance));
         let tilted = Self { chi2: free.chi2 + TILTED, ..free };
         level.filter(|l| l.chi2 < tilted.chi2 && l.restitution > 0.0).map(|l| Self { level: true, ..l }).or(Some(tilted))
     }
@@ -167,7 +200,11 @@ impl Plane {
             fit.expect(2, 0.0, 1e3);
             fit.expect(3, RESTITUTION.0, RESTITUTION.1);
             for patch in patches.clone() {
-                for (row, value, sd) in patch.observations(&origin, &plane.normal, &u, &v, plane.restitution) {
+                if !patch.faces(&plane.normal) {
+                    return None;
+                }
+                let slip = patch.slip(&plane.normal, &u, &v);
+                for (row, value, sd) in patch.observations(&origin, &plane.normal, &u, &v, plane.restitution).into_iter().chain(slip) {
                     fit.observe(&row, value, sd);
                 }
             }
@@ -187,7 +224,7 @@ impl Plane {
         Some(plane)
     }
 
-    /// χ² of the three things that `patch` says, the plane's own uncertainty included.
+    /// χ² of the four things that `patch` says, the plane's own uncertainty included.
     pub fn disagreement(&self, patch: &Patch) -> f64 {
         let (u, v) = tangents(&self.normal);
         let now = Vector4::new(0.0, 0.0, self.offset, self.restitution);
@@ -195,7 +232,11 @@ impl Plane {
             let r = row.dot(&now) - value;
             r * r / (sd * sd + row.dot(&(self.parameters * row)))
         };
-        patch.observations(&Vec3::zeros(), &self.normal, &u, &v, self.restitution).into_iter().map(square).sum()
+        if !patch.faces(&self.normal) {
+            return f64::INFINITY;
+        }
+        let slip = patch.slip(&self.normal, &u, &v);
+        patch.observations(&Vec3::zeros(), &self.normal, &u, &v, self.restitution).into_iter().chain(slip).map(square).sum()
     }
 
     /// Squared Mahalanobis distance between the normal and `direction`, which has `variance` (rad²) itself.
@@ -302,6 +343,37 @@ mod tests {
         let wall = [patch(0.0, 1.5, -Vec3::y(), -2.0, Vec3::new(0.3, 3.0, -1.0))];
         // One contact leaves the restitution open, and with it the turn along the motion.
         assert!((Plane::fit(wall.iter(), Some(&UP)).unwrap().normal + Vec3::y()).norm() < 0.25);
+    }
+
+    #[test]
+    fn a_ramp_is_not_level_and_a_ceiling_is() {
+        let drop = Vec3::new(0.05, -0.1, -4.9);
+        let pushed = Vec3::new(1.4, 0.2, -4.0);
+        for (degrees, before) in [(10.0_f64, drop), (20.0, drop), (45.0, drop), (20.0, pushed), (30.0, pushed), (45.0, pushed)] {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            let ramp = Vec3::new(sin, 0.0, cos);
+            let plane = Plane::fit([patch(0.0, 1.5, ramp, 0.0, before)].iter(), Some(&UP)).unwrap();
+            assert!(!plane.level && (plane.normal - ramp).norm() < 0.2, "{degrees}° {before}: {plane:?}");
+        }
+        let ceiling = Plane::fit([patch(0.0, 1.5, -Vec3::z(), -1.6, Vec3::new(1.0, 0.3, 3.0))].iter(), Some(&UP)).unwrap();
+        assert!(ceiling.level && (ceiling.normal + Vec3::z()).norm() < 0.01 && (ceiling.offset + 1.6).abs() < 0.02, "{ceiling:?}");
+    }
+
+    #[test]
+    fn friction_slows_and_spin_may_do_more() {
+        let bounce = |after: f64, spin_sd: f64| Patch {
+            after: Vec3::new(after, 0.0, 2.0),
+            spin_sd,
+            ..patch(0.0, 1.5, Vec3::z(), 0.0, Vec3::new(1.0, 0.0, -3.0))
+        };
+        let slip = |patch: &Patch| patch.slip(&Vec3::z(), &Vec3::x(), &Vec3::y()).map_or(0.0, |(_, excess, sd)| (excess / sd).powi(2));
+        for after in [0.0, 0.5, 1.0] {
+            assert_eq!(slip(&bounce(after, 0.0)), 0.0);
+        }
+        for after in [-1.0, 2.0] {
+            let (without, with) = (slip(&bounce(after, 0.0)), slip(&bounce(after, 100.0)));
+            assert!(without > 50.0 && with < 1.0, "{after}: {without} {with}");
+        }
     }
 
     #[test]

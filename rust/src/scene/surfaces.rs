@@ -2,10 +2,10 @@
 
 use crate::config::{EnvironmentConfig, Name};
 use crate::event::{Above, Surface};
-use crate::geometry::environment::{Environment, KnownSurface, Relief};
+use crate::geometry::environment::{Environment, KnownSurface, Relief, SURVEY_SD};
 use crate::math::{Mat3, Vec3, acos, sqrt};
 use crate::physics::restitution::Restitution;
-use crate::scene::outline::outline;
+use crate::scene::outline::{CORNERS, is_within, outline};
 use crate::scene::plane::{Patch, Plane, Up};
 use heapless::Vec;
 
@@ -21,6 +21,8 @@ const ONE_MORE: f64 = 15.0;
 const PAIR: f64 = 34.0;
 /// Surfaces at an angle within this many standard deviations are parallel.
 const PARALLEL: f64 = 9.0;
+/// Heights that differ by less than this part of the ball's radius may be one.
+const A_LITTLE: f64 = 0.3;
 
 /// A surface that contacts showed.
 #[derive(Clone, Debug)]
@@ -86,14 +88,27 @@ impl Surfaces {
 
     /// The surface, known or well found, that a ball of `radius` (m) at `center` (with covariance) touches, and its normal there.
     pub fn touched(&self, center: &Vec3, covariance: &Mat3, radius: f64) -> Option<(u32, Vec3)> {
-        let near = |f: &&Found| {
-            let (height, variance) = f.plane.height(center);
-            let variance = variance + f.plane.normal.dot(&(covariance * f.plane.normal));
-            let level = f.plane.normal_covariance().trace() < 0.01;
-            f.merged_into.is_none() && level && (height - radius) * (height - radius) < 9.0 * variance + 1e-5
-        };
-        let found = || self.found.iter().find(near).map(|f| (f.id, f.plane.normal));
-        self.environment.touched(center, covariance, radius).or_else(found)
+        let near = |height: f64, variance: f64| (height - radius) * (height - radius) < 9.0 * variance + 1e-5;
+        let found = || self.heights(center, covariance).find(|(_, height, variance)| near(*height, *variance));
+        self.environment.touched(center, covariance, radius).or_else(|| found().map(|(f, ..)| (f.id, f.plane.normal)))
+    }
+
+    /// Whether a ball of `radius` (m) at `center` (with covariance) would be partly behind a surface that is known or well found.
+    pub fn is_beyond(&self, center: &Vec3, covariance: &Mat3, radius: f64) -> bool {
+        let pierces = |height: f64, variance: f64| height > 0.0 && height < radius - 3.0 * sqrt(variance);
+        let known = self.environment.nearest(center);
+        self.heights(center, covariance).any(|(_, height, variance)| pierces(height, variance))
+            || known.is_some_and(|(distance, normal, _)| pierces(distance, normal.dot(&(covariance * normal)) + SURVEY_SD * SURVEY_SD))
+    }
+
+    /// Surfaces that are well found, how high `center` (with covariance) is over each, m, and the variance of that.
+    fn heights(&self, center: &Vec3, covariance: &Mat3) -> impl Iterator<Item = (&Found, f64, f64)> {
+        let (center, covariance) = (*center, *covariance);
+        let living = self.found.iter().filter(|f| f.merged_into.is_none() && f.plane.normal_covariance().trace() < 0.01);
+        living.map(move |f| {
+            let (height, variance) = f.plane.height(&center);
+            (f, height, variance + f.plane.normal.dot(&(covariance * f.plane.normal)))
+        })
     }
 
     /// Takes in a final contact; returns the surface it belongs to, and that surface's normal there.
@@ -154,7 +169,7 @@ impl Surfaces {
         let present = self.patches[index].1;
         let best = {
             let patch = &self.patches[index].0;
-            let alone = present.is_some_and(|id| self.patches.iter().filter(|p| p.1 == Some(id)).count() == 1);
+            let alone = present.is_some_and(|id| self.on(id).count() == 1);
             // A plane that rests on this patch alone agrees with it: what counts is whether another does.
             let others = self.found.iter().filter(|f| f.merged_into.is_none() && !(alone && present == Some(f.id)));
             let scored = others.map(|f| (f.plane.disagreement(patch), f.id));
@@ -174,7 +189,7 @@ impl Surfaces {
                     }
                 }
             }
-            (None, Some(left)) if self.patches.iter().filter(|p| p.1 == Some(left)).count() > 1 => {
+            (None, Some(left)) if self.on(left).count() > 1 => {
                 self.patches[index].1 = None;
                 self.refit(left, up);
                 self.found_own(index, up);
@@ -208,8 +223,7 @@ impl Surfaces {
     }
 
     fn refit(&mut self, id: u32, up: &Up) {
-        let members = self.patches.iter().filter(|p| p.1 == Some(id)).map(|p| &p.0);
-        if let (Some(plane), Some(found)) = (Plane::fit(members, Some(up)), self.found.iter_mut().find(|f| f.id == id)) {
+        if let (Some(plane), Some(found)) = (Plane::fit(self.on(id), Some(up)), self.found.iter_mut().find(|f| f.id == id)) {
             found.plane = plane;
         }
     }
@@ -229,8 +243,7 @@ impl Surfaces {
                     continue;
                 }
                 let (a_id, b_id) = (a.id, b.id);
-                let both = self.patches.iter().filter(|p| p.1 == Some(a_id) || p.1 == Some(b_id)).map(|p| &p.0);
-                let Some(plane) = Plane::fit(both, Some(up)) else { continue };
+                let Some(plane) = Plane::fit(self.on(a_id).chain(self.on(b_id)), Some(up)) else { continue };
                 if plane.chi2 < a.plane.chi2 + b.plane.chi2 + ONE_MORE || self.one_covers_the_other(a_id, b_id) {
                     for patch in &mut self.patches {
                         if patch.1 == Some(b_id) {
@@ -255,20 +268,42 @@ impl Surfaces {
         self.found.iter().find(|f| f.id == id).map(|f| f.plane.restitution)
     }
 
-    /// No ball touches a surface through another one: what was touched side by side, a little higher and a little lower, is one
-    /// surface, however sure the contacts are of their heights.
+    /// No ball touches a surface through another one: what was touched side by side, a little higher and a little lower, or a little lower among
+    /// touches, is one surface, however sure the contacts are of their heights.
     fn one_covers_the_other(&self, a: u32, b: u32) -> bool {
-        let members = |id: u32| self.patches.iter().filter(move |p| p.1 == Some(id)).map(|p| &p.0);
-        let normal = |id: u32| self.found.iter().find(|f| f.id == id).map_or_else(Vec3::zeros, |f| f.plane.normal);
-        let n = normal(a);
-        n.dot(&normal(b)) > 0.99
-            && members(a).any(|p| {
-                members(b).any(|q| {
-                    let apart = q.center - p.center;
-                    let height = n.dot(&apart).abs();
-                    (apart - n * n.dot(&apart)).norm() < p.radius && height < 0.3 * p.radius
-                })
-            })
+        let (Some(a), Some(b)) = (self.living(a), self.living(b)) else { return false };
+        let n = a.plane.normal;
+        let side_by_side = |p: &Patch, q: &Patch| {
+            let apart = q.center - p.center;
+            let height = n.dot(&apart);
+            (apart - n * height).norm() < p.radius && height.abs() < A_LITTLE * p.radius
+        };
+        n.dot(&b.plane.normal) > 0.99
+            && (self.covers(a, b) || self.covers(b, a) || self.on(a.id).any(|p| self.on(b.id).any(|q| side_by_side(p, q))))
+    }
+
+    /// Whether a contact with the one surface was a little below the other one, among the touches of that.
+    fn covers(&self, upper: &Found, lower: &Found) -> bool {
+        let Plane { normal, offset, .. } = upper.plane;
+        let hull = self.outline(upper);
+        self.on(lower.id).any(|p| {
+            let above = normal.dot(&p.center) - p.radius - offset;
+            above < 0.0 && above > -A_LITTLE * p.radius && is_within(&p.center, &hull, &normal)
+        })
+    }
+
+    fn living(&self, id: u32) -> Option<&Found> {
+        self.found.iter().find(|f| f.id == id && f.merged_into.is_none())
+    }
+
+    /// The contacts on surface `id`.
+    fn on(&self, id: u32) -> impl Iterator<Item = &Patch> + Clone {
+        self.patches.iter().filter(move |p| p.1 == Some(id)).map(|p| &p.0)
+    }
+
+    fn outline(&self, found: &Found) -> Vec<[f64; 3], CORNERS> {
+        let Plane { normal, offset, .. } = found.plane;
+        outline(self.on(found.id).map(|p| p.center - normal * p.radius), &normal, offset)
     }
 
     /// Hands out every surface as it is now: known ones, found ones, and those that merged since they were handed out last; of each what lies lower
@@ -308,7 +343,6 @@ impl Surfaces {
     }
 
     fn describe(&self, found: &Found, up: &Up) -> Surface {
-        let members = || self.patches.iter().filter(|p| p.1 == Some(found.id)).map(|p| &p.0);
         let plane = &found.plane;
         // The tilt's variance is that of the normal along the way to "up", or along any way where there is none.
         let c = plane.normal_covariance();
@@ -322,8 +356,8 @@ impl Surfaces {
             covariance: Some(plane.covariance_rows()),
             tilt: Some(acos(plane.normal.dot(&up.direction).clamp(-1.0, 1.0))),
             tilt_sd: Some(sqrt(variance + up.variance)),
-            contacts: members().count() as u32 + found.forgotten,
-            outline: Some(outline(members().map(|p| p.center - plane.normal * p.radius), &plane.normal, plane.offset)),
+            contacts: self.on(found.id).count() as u32 + found.forgotten,
+            outline: Some(self.outline(found)),
             above: self.above(found),
             merged_into: found.merged_into,
         }
@@ -338,13 +372,13 @@ impl Surfaces {
 
     /// The nearest parallel surface below `found`.
     fn above(&self, found: &Found) -> Option<Above> {
-        let members = || self.patches.iter().filter(|p| p.1 == Some(found.id)).map(|p| &p.0);
-        let count = members().count();
+        let members = self.on(found.id);
+        let count = members.clone().count();
         if count == 0 || found.merged_into.is_some() {
             return None;
         }
         let upper = &found.plane;
-        let middle = members().map(|p| p.center - upper.normal * p.radius).sum::<Vec3>() / count as f64;
+        let middle = members.map(|p| p.center - upper.normal * p.radius).sum::<Vec3>() / count as f64;
         let known = self.environment.surfaces().iter().enumerate().filter_map(|(id, k)| {
             let parallel = upper.turn_to(&k.normal, 1e-6) < PARALLEL;
             let (own, variance) = upper.height(&middle);
@@ -363,5 +397,42 @@ impl Surfaces {
         });
         let nearest = known.chain(others).filter(|(_, height, _)| *height > 0.0).min_by(|a, b| a.1.total_cmp(&b.1));
         nearest.map(|(surface, height, variance)| Above { surface, height, sd: Some(sqrt(variance)) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::SMatrix;
+
+    const UP: Up = Up { direction: Vec3::new(0.0, 0.0, 1.0), variance: 1e-6 };
+
+    /// A bounce of a ball of 33 mm at `x`, `y`, of restitution `e` on a floor at `height`, m.
+    fn patch(x: f64, y: f64, height: f64, e: f64) -> Patch {
+        let (before, after) = (Vec3::new(0.3, 0.1, -1.0), Vec3::new(0.3, 0.1, e));
+        let covariance = SMatrix::from_diagonal_element(1e-6);
+        Patch { center: Vec3::new(x, y, height + 0.033), before, after, covariance, radius: 0.033, spin_sd: 0.0, normal: Vec3::z() }
+    }
+
+    /// Heights of the surfaces that the corners of a square of 1 m on a floor, and another patch, leave.
+    fn heights(other: Patch) -> std::vec::Vec<f64> {
+        let mut surfaces = Surfaces::new(&EnvironmentConfig::default(), false);
+        for (x, y) in [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)] {
+            surfaces.add(patch(x, y, 0.0, 0.7), &UP);
+        }
+        surfaces.add(other, &UP);
+        let mut heights = std::vec::Vec::new();
+        surfaces.tell(&UP, true, |surface, _| heights.extend(surface.merged_into.is_none().then_some((surface.offset * 1e3).round())));
+        heights
+    }
+
+    #[test]
+    fn nothing_is_touched_a_little_below_a_surface_among_its_touches() {
+        let one = heights(patch(0.5, 0.4, -0.008, 0.4));
+        assert!(one.len() == 1 && one[0].abs() <= 2.0, "{one:?}");
+        // Beside it, higher, and far below it there may well be another.
+        assert_eq!(heights(patch(1.5, 0.4, -0.008, 0.4)), [-8.0, 0.0]);
+        assert_eq!(heights(patch(0.5, 0.4, 0.008, 0.4)), [0.0, 8.0]);
+        assert_eq!(heights(patch(0.5, 0.4, -0.4, 0.4)), [-400.0, 0.0]);
     }
 }

@@ -38,6 +38,8 @@ pub struct Surroundings<'a> {
     pub duration: f64,
     /// Normal of the known or found surface that this contact was with.
     pub normal_at: &'a dyn Fn(&Contact) -> Option<Vec3>,
+    /// Whether the ball would have been partly behind such a surface then.
+    pub beyond: &'a dyn Fn(&Contact) -> bool,
 }
 
 /// A motion that a surface carries: no acceleration but friction's. Small hops are within what is allowed.
@@ -99,11 +101,11 @@ pub fn admissible(contact: &Contact) -> bool {
 }
 
 /// The contact, moved up to the floor on which two bounces, which give back the same part of the speed, would do as well; `None` where one of
-/// them would have been seen.
+/// them would have been seen, `room` (s) before or after the gap.
 ///
 /// At speeds f and r down to the one and up from it, and with restitution e, the two would be met at u = (f + r) / (1 + e)² and left at e² u, where
 /// (f − r) / (f + r) = (1 − e) (1 + e²) / (1 + e)³: gravity alone acts beside them.
-pub fn as_two(contact: &Contact, samples: &[Sample]) -> Option<Contact> {
+fn as_two(contact: &Contact, samples: &[Sample], room: f64) -> Option<Contact> {
     let split = samples.partition_point(|s| s.t <= contact.time);
     let (last, next, g) = (samples.get(split.checked_sub(1)?)?, samples.get(split)?, contact.gravity.norm());
     let down = contact.gravity / g;
@@ -120,7 +122,17 @@ pub fn as_two(contact: &Contact, samples: &[Sample]) -> Option<Contact> {
     let met = (fall + rise) / ((1.0 + low) * (1.0 + low));
     let [first, second] = [contact.time - (fall - met) / g, contact.time + (rise - low * low * met) / g];
     let center = contact.center - down * (0.5 * (fall * fall - met * met) / g);
-    (last.t < first && second < next.t).then(|| Contact { center, ..contact.clone() })
+    (last.t < first + room && second < next.t + room).then(|| Contact { center, ..contact.clone() })
+}
+
+/// Whether the ball may have bounced twice while it was not seen, and was not there then: two bounces explain what was seen as well, unless this
+/// one is with a known surface and they are not; or it would have been behind such a surface, and a sample before or after may be of the hop.
+pub fn may_be_two(contact: &Contact, samples: &[Sample], around: &Surroundings) -> bool {
+    let touches = |contact: &Contact| (around.normal_at)(contact).is_some();
+    let split = samples.partition_point(|s| s.t <= contact.time);
+    let gap = split.checked_sub(1).and_then(|last| Some(samples.get(split)?.t - samples.get(last)?.t)).unwrap_or(0.0);
+    as_two(contact, samples, 0.0).is_some_and(|higher| !touches(contact) || touches(&higher))
+        || ((around.beyond)(contact) && as_two(contact, samples, gap).is_some())
 }
 
 /// The best contact between the flight that began at `since` and the samples from about `at` on: the doubt may have come a frame

@@ -8,8 +8,8 @@ use crate::physics::inconsistency::{Inconsistency, WhitenedTest};
 use crate::physics::law::FreeFall;
 use crate::physics::{Sample, between};
 use crate::track::hypothesis::{
-    AFTER_CONTACT, AFTER_SIDE, BEFORE_SIDE, CHAIN, LONGEST_BRIDGE, SWING, Surroundings, admissible, as_two, best_contact, free_flight,
-    limit, plausible, supported,
+    AFTER_CONTACT, AFTER_SIDE, BEFORE_SIDE, CHAIN, LONGEST_BRIDGE, SWING, Surroundings, admissible, best_contact, free_flight, limit,
+    may_be_two, plausible, supported,
 };
 use crate::track::window::Window;
 use heapless::Vec;
@@ -227,9 +227,7 @@ impl Motion {
             if let Some(contact) = best_contact(window.samples(), self.since, at, self.pending.as_ref().map(|p| p.contact.time), around) {
                 self.settle(window, contact.time, around, findings);
                 self.land(window, contact.time, around, findings);
-                let touches = |contact: &Contact| (around.normal_at)(contact).is_some();
-                if as_two(&contact, window.samples()).is_some_and(|higher| !touches(&contact) || touches(&higher)) {
-                    // It may have bounced twice while it was not seen, and was not there then.
+                if may_be_two(&contact, window.samples(), around) {
                     self.restart(Phase::Unknown, contact.time);
                     return self.recover(window, around);
                 }
