@@ -23,10 +23,10 @@ from .errors import (
 )
 from .interrupting import interruptible
 from .level import Level, gravity_of
-from .level_command import Frames
 from .level_command import level as level_camera
 from .motor_commands import led, tilt
 from .narration import Narration, Plain, Progress, remark
+from .options import Frames
 from .reproduce_command import reproduce
 from .scale_command import scale
 from .streaming import open_named, path_of

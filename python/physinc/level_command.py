@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any
 
 import numpy as np
 import tomlkit
@@ -18,10 +18,10 @@ from .camera_file import beside, level_pose, pose_in, with_pose, write
 from .errors import ConfigError, RecordingError
 from .interrupting import interruptible
 from .narration import count
+from .options import Frames
 from .streaming import open_named
 
 Flag = Parameter(negative="", show_default=False)
-Frames: TypeAlias = Annotated[int | None, Parameter(validator=validators.Number(gte=1, lt=2**63))]
 USUAL = 9.81
 """m/s²; within 0.3 % anywhere on Earth."""
 
