@@ -21,6 +21,7 @@ from .errors import (
     PhysincError,
     UnknownSourceError,
 )
+from .escaping import escape_output
 from .interrupting import interruptible
 from .level import Level, gravity_of
 from .level_command import level as level_camera
@@ -232,6 +233,7 @@ def main(arguments: list[str] | None = None) -> int:
         # Whoever closed it beforehand doesn't read either.
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115 - as long as the program runs
+    escape_output()
     try:
         return int(app(arguments, exit_on_error=False, result_action="return_value") or 0)
     except CycloptsError:

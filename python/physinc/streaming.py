@@ -123,8 +123,8 @@ def open_named(
     """
     name = os.fspath(source)
     opened = open_source(
-        path_of(name),
-        name=name,
+        path_of(source),
+        name=text_of(source),
         config=config,
         camera=camera,
         positions=positions,
@@ -145,13 +145,17 @@ def open_named(
     return opened
 
 
-def path_of(name: str) -> str:
-    """Return what the engine opens for the source `name`, which must be text."""
+def text_of(source: str | os.PathLike[str]) -> str:
+    """Return a source's name as the engine reads it: in UTF-8, whatever the locale's encoding."""
     try:
-        name.encode()
-    except UnicodeEncodeError:
-        raise ConfigError(f"{os.fsencode(name)!r}: a source's name must be UTF-8; rename the file, or link to it") from None
-    return str(DEMO) if name == "demo" else name
+        return os.fsencode(source).decode()
+    except UnicodeError:
+        raise ConfigError(f"{os.fspath(source)!a}: a source's name must be UTF-8; rename the file, or link to it") from None
+
+
+def path_of(source: str | os.PathLike[str]) -> str:
+    """Return what the engine opens for a source by name."""
+    return text_of(DEMO if os.fspath(source) == "demo" else source)
 
 
 def _plain(mapping: Any) -> Any:
