@@ -195,8 +195,12 @@ def record(
         open_recording(path_of(source), out, gravity=gravity_of(source, level), tum=tum, frames=frames) as recording,
         Progress(out, frames) as progress,
     ):
-        for count, timestamp_ns in recording:
-            progress.tell(count, timestamp_ns, lost=recording.counters.packets_lost, size=recording.bytes)
+        try:
+            for _, timestamp_ns in recording:
+                progress.tell(recording.counters, recording.bytes, timestamp_ns)
+        finally:
+            # Ctrl-C comes between a frame and its telling, too.
+            progress.tell(recording.counters, recording.bytes)
         remarks = recording.remarks
     remark(source, remarks)
     return 0
