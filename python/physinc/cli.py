@@ -170,15 +170,17 @@ def record(
 ) -> int:
     """Record SOURCE in OUT, with the camera in camera.toml, so that `physinc run OUT` tells the same.
 
+    Only a capture (pcapng) also keeps which packets were lost. In other formats every sample that came is the same, and lost ones read
+    as 2047, like places without a reading: where packets were lost, what `physinc run OUT` tells may differ a little.
+
     Parameters
     ----------
     source
         Any source of depth frames, as for run.
     out
         FILE.npz (disparity as it is, depth in whole mm), or else a folder in fakenect's layout: stamps become ticks of 60 MHz, at most
-        8 ns away. Of a source of packets also FILE.pcapng, FILE.pcapng.gz or FILE.pcapng.zst: the packets themselves; elsewhere lost
-        samples read as 2047. Nothing is overwritten. A folder is readable up to its last frame even if the recording is killed, a
-        file up to its last second.
+        8 ns away. Of a source of packets also FILE.pcapng, FILE.pcapng.gz or FILE.pcapng.zst: the packets themselves. Nothing is
+        overwritten. A folder is readable up to its last frame even if the recording is killed, a file up to its last second.
     frames
         Stop after so many frames.
     every_frame
