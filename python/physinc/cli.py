@@ -168,10 +168,10 @@ def record(
     level: Annotated[Level | None, Parameter(show_default=False)] = None,
     tum: Annotated[bool, Flag] = False,
 ) -> int:
-    """Record SOURCE in OUT, with the camera in camera.toml, so that `physinc run OUT` tells the same.
+    """Record SOURCE in OUT, with the camera in camera.toml, for `physinc run OUT`.
 
-    Only a capture (pcapng) also keeps which packets were lost. In other formats every sample that came is the same, and lost ones read
-    as 2047, like places without a reading: where packets were lost, what `physinc run OUT` tells may differ a little.
+    That tells the same as SOURCE, unless packets were lost: only a capture (pcapng) keeps that they were. In other formats every sample
+    that came is the same, and lost ones read as 2047, like places without a reading.
 
     Parameters
     ----------
