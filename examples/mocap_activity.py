@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import physinc
+from physinc.escaping import escape_output
 from physinc.qualisys import Recording, read
 
 if TYPE_CHECKING:
@@ -81,6 +82,7 @@ def main() -> int:
     parser.add_argument("files", type=Path, nargs="+", help="*.tsv or *.json")
     parser.add_argument("--law", default="free_fall", choices=["free_fall", "auto"])
     options = parser.parse_args()
+    escape_output()
     floor = physinc.EnvironmentConfig(plane=(physinc.KnownPlane(name="floor"),))
     assume = physinc.AssumeConfig(scene="known", objects="unknown")
     config = physinc.Config(laws=physinc.LawsConfig(law=options.law), assume=assume, environment=floor)

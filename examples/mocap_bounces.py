@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import physinc
+from physinc.escaping import escape_output
 from physinc.qualisys import Recording, read
 
 if TYPE_CHECKING:
@@ -96,6 +97,7 @@ def main() -> int:
     parser.add_argument("--mass", type=float, default=0.057, help="of a ball, kg")
     parser.add_argument("--touch", type=float, default=0.0045, help="how long a bounce touches, s; soft balls longer than a tennis ball")
     options = parser.parse_args()
+    escape_output()
     ball = physinc.ObjectConfig(radius=options.radius, mass=options.mass, contact_duration=options.touch)
     try:
         report(read(options.file), physinc.Config(object=ball))

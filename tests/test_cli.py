@@ -96,6 +96,10 @@ def test_stdin_is_read(csv: Path) -> None:
         (["run", "demo", "--config", "nowhere.toml"], 2, "nowhere.toml"),
         (["run", "demo", "--camera", "nowhere.toml"], 2, "nowhere.toml"),
         (["run", "demo", "--frames", "0"], 2, "frames"),
+        (["run", "demo", "--frames", "1.5"], 2, "1.5 is no whole number"),
+        (["record", "demo", "/nowhere/out.npz", "--frames", "1.5"], 2, "1.5 is no whole number"),
+        (["level", "demo", "--frames", "2.0"], 2, "2.0 is no whole number"),
+        (["reproduce", "--seeds", "1.5", "--only", "nothing"], 2, "1.5 is no whole number"),
         (["run", "demo", "--frames", "99999999999999999999"], 2, "frames"),
         (["run", "demo", "--tum"], 2, "--record"),
         (["run", "demo", "--nonsense"], 2, "nonsense"),
@@ -155,6 +159,36 @@ def test_help_names_every_command_and_option() -> None:
     text = physinc("run", "--help").stdout
     for option in ("json", "positions", "provisional", "config", "camera", "frames", "duration", "every-frame", "reconnect", "dump-config"):
         assert f"--{option}" in text
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
+def test_text_goes_out_in_any_encoding(csv: Path, tmp_path: Path, encoding: str) -> None:
+    source = csv.rename(tmp_path / "bäll→𝄞.csv")
+    environment = {**os.environ, "PYTHONIOENCODING": encoding}
+
+    def out(*arguments: str | Path, codes: tuple[int, ...] = (0,)) -> str:
+        done = subprocess.run([*PHYSINC, *map(str, arguments)], capture_output=True, timeout=60, check=False, env=environment)
+        assert done.returncode in codes
+        assert b"Traceback" not in done.stderr
+        return done.stdout.decode(encoding)
+
+    assert events(out("run", source, "--json"))[0]["source"] == str(source)
+    assert "bounce of ball" in out("run", "demo")
+    assert "roll" in out("level", "demo", "--dry-run")
+    assert "bus: " in out("doctor", codes=(0, 1, 3))
+    out("scale", source)
+    assert out("level", source, codes=(2,)) == ""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="elsewhere names are text")
+def test_a_name_in_utf_8_is_one_in_any_locale(csv: Path, tmp_path: Path) -> None:
+    source = csv.rename(tmp_path / "bäll.csv")
+    environment = {**os.environ, "PYTHONUTF8": "0", "LC_ALL": "C"}
+    for arguments in (["run", source, "--json"], ["run", source, "--dump-config"]):
+        done = subprocess.run([*PHYSINC, *map(str, arguments)], capture_output=True, timeout=60, check=False, env=environment)
+        assert (done.returncode, done.stderr) == (0, b"")
+        if "--json" in arguments:
+            assert events(done.stdout.decode())[0]["source"] == str(source)
 
 
 def test_a_simulation_can_be_run(tmp_path: Path) -> None:

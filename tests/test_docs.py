@@ -2,6 +2,8 @@
 
 import ast
 import inspect
+import re
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -50,3 +52,15 @@ def test_public_names_are_documented(name: str) -> None:
             if not key.startswith("_") and callable(getattr(value, "__get__", None)) and not value.__doc__
         ]
         assert not bare
+
+
+def test_the_first_example_of_the_readme_tells_of_all_it_names(capsys: pytest.CaptureFixture[str]) -> None:
+    """Surfaces that were found have no name."""
+    readme = Path(__file__).parent.parent / "README.md"
+    (code,) = re.findall(r"## In Python\n\n((?:    .*\n|\n)+)", readme.read_text(encoding="utf-8"))
+    exec(textwrap.dedent(code), {})
+    told = capsys.readouterr().out
+    assert told.count("a bounce at ") >= 10
+    assert re.search(r"^surface 0$", told, re.MULTILINE)
+    assert re.search(r"^surface 1, 0\.0[89]\d m above surface 0$", told, re.MULTILINE)
+    assert "None" not in told

@@ -409,9 +409,11 @@ def test_a_recording_that_is_ended_early_can_be_read(tmp_path: Path, tum_layout:
         while not (index.exists() and index.read_text().count("\n") > 8) and time.monotonic() < deadline:
             time.sleep(0.01)
         process.send_signal(how)
-        process.communicate(timeout=60)
+        _, told = process.communicate(timeout=60)
     assert process.returncode == (130 if how == signal.SIGINT else -how)
     end = list(physinc.stream(out))[-1]
     assert isinstance(end, physinc.StreamEnded)
     assert end.counters.frames == sum(line[0] != "#" for line in index.read_text().splitlines())
     assert end.reason == "end_of_source"
+    if how == signal.SIGINT:
+        assert f"{out}: {end.counters.frames} frames, ".encode() in told

@@ -3,6 +3,12 @@
 from __future__ import annotations
 
 import math
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +16,10 @@ import pytest
 import tomlkit
 
 import physinc
+from physinc import level_command
 from physinc.camera_file import beside, level_pose
 from physinc.cli import main
+from physinc.interrupting import Interruption, interruptible
 from physinc.level_command import angle_sds
 
 SCENE = "bounce?tilt_deg=20&roll_deg=10&seed=4&throws=2"
@@ -150,10 +158,77 @@ def test_without_a_flight_nothing_is_written(npz: Path, csv: Path, capsys: pytes
     assert "nothing.npz" in capsys.readouterr().err
 
 
+TETRAHEDRON = "v 0 9 0\nv 1 9 0\nv 0 10 0\nv 0 9 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+
+
+def test_the_configuration_is_read_as_run_reads_it(
+    room: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config, mesh = tmp_path / "elsewhere" / "c.toml", tmp_path / "elsewhere" / "m.obj"
+    config.parent.mkdir()
+    mesh.write_text(TETRAHEDRON)
+    config.write_text('[assume]\ncamera = "static"\n[[environment.mesh]]\npath = "m.obj"\n', encoding="utf-8-sig")
+    monkeypatch.chdir(tmp_path)
+    assert main(["level", str(room), "--config", str(config), "--dry-run"]) == 0
+    assert "roll +" in capsys.readouterr().out
+    for text in ("assume=3\n", "[object]\nradius = \n", "[object]\nradius = 0\n", "[object]\nradus = 1\n", "a = '\xe4'\n"):
+        config.write_text(text, encoding="latin-1")
+        told = []
+        for command in ("level", "run"):
+            assert main([command, str(room), "--config", str(config)]) == 2
+            told.append(capsys.readouterr().err)
+        assert told[0] == told[1]
+        assert told[0].count("\n") == 1
+
+
+def test_what_windows_writes_stays(room: Path) -> None:
+    file = room.with_suffix(".camera.toml")
+    before = b"\xef\xbb\xbf" + b"# the one by the window\n".replace(b"\n", b"\r\n") + file.read_bytes().replace(b"\n", b"\r\n")
+    file.write_bytes(before)
+    assert main(["level", str(room)]) == 0
+    assert file.read_bytes().startswith(before)
+    assert isinstance(next(iter(physinc.stream(room))), physinc.StreamStarted)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with a name are POSIX's")
+def test_ctrl_c_ends_it_with_what_was_found(tmp_path: Path) -> None:
+    packets, pipe, out = tmp_path / "room.pcapng", tmp_path / "live.pcapng", tmp_path / "camera.toml"
+    assert main(["simulate", SCENE, str(packets)]) == 0
+    whole = packets.read_bytes()
+    os.mkfifo(pipe)
+    code = "import sys; from physinc.cli import main; sys.exit(main())"
+    command = [sys.executable, "-c", code, "level", str(pipe), "--out", str(out)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process, pipe.open("wb") as live:
+        # Both ends stay open: there is more to come.
+        live.write(whole[: int(len(whole) * 0.9)])
+        live.flush()
+        assert process.stderr is not None
+        assert process.stderr.readline().startswith("1 flight: roll")
+        process.send_signal(signal.SIGINT)
+        told, error = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in error
+    assert f"{out}: world_from_camera written" in told
+    assert (pose_of(out)[:3, :3] @ true_gravity())[2] < -9.7
+
+
+def test_ctrl_c_before_any_flight(npz: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    @contextmanager
+    def interrupted(stream: physinc.Stream, source: str) -> Iterator[Interruption]:
+        with interruptible(stream, source) as interruption:
+            signal.raise_signal(signal.SIGINT)
+            yield interruption
+
+    monkeypatch.setattr(level_command, "interruptible", interrupted)
+    assert main(["level", str(npz)]) == 130
+    assert "no flight was seen" in capsys.readouterr().err
+    assert not npz.with_suffix(".camera.toml").exists()
+
+
 def test_a_broken_camera_file_is_named_and_left_alone(room: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = room.with_suffix(".camera.toml")
     for text in ("width = \n", "world_from_camera = 3\n"):
         file.write_text(text)
         assert main(["level", str(room)]) == 2
-        assert str(file) in capsys.readouterr().err
+        assert f"{file}:1: " in capsys.readouterr().err
         assert file.read_text() == text

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from conftest import trajectory
 
 import physinc
 
@@ -90,6 +91,23 @@ def test_what_is_no_export_is_an_error_that_names_the_file(mocap: ModuleType, tm
     path.write_text(text)
     with pytest.raises(physinc.RecordingError, match=name):
         mocap.read(path)
+
+
+def test_the_example_tells_of_a_floor_in_any_encoding(tmp_path: Path) -> None:
+    path = tmp_path / "a.tsv"
+    t, centers = trajectory(rate=300)
+    moments = zip(range(1, len(t) + 1), t.tolist(), (1e3 * centers).tolist(), strict=True)
+    path.write_text(tsv([[frame, now, 1, 2, 3, *center, 0, 0, 0] for frame, now, center in moments]), newline="")
+    for encoding in ("ascii", "latin-1"):
+        run = subprocess.run(
+            [sys.executable, ROOT / "examples" / "mocap_bounces.py", path],
+            capture_output=True,
+            check=False,
+            timeout=60,
+            env={**os.environ, "PYTHONIOENCODING": encoding},
+        )
+        assert run.returncode == 0, run.stderr
+        assert "tilted by" in run.stdout.decode(encoding)
 
 
 real = pytest.mark.skipif(not DATA.is_dir(), reason=f"no real recordings at {DATA} (PHYSINC_DATA names their folder)")

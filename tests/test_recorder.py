@@ -40,7 +40,7 @@ def layout(out: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def packets(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A capture of throws, 2 % of whose packets are lost."""
+    """A capture of throws."""
     out = tmp_path_factory.mktemp("packets") / "throws.pcapng"
     assert main(["simulate", "bounce?throws=1&seed=2", str(out)]) == 0
     return out
@@ -57,6 +57,30 @@ def test_events_go_on_while_it_is_recorded(packets: Path, tmp_path: Path, out: s
     if out.startswith("out.pcapng"):
         assert events(tmp_path / out) == events(source)
     assert frames(tmp_path / out) == int(told.rsplit('"frames":', 1)[1].split(",")[0])
+
+
+@pytest.mark.parametrize("out", ["out.npz", "out", "tum"])
+def test_frames_have_what_came_and_2047_for_what_was_lost(packets: Path, tmp_path: Path, out: str) -> None:
+    source = f"{packets}?lose=0.01&seed=1"
+    assert main(["record", source, str(tmp_path / out), *layout(out)]) == 0
+    assert main(["record", str(packets), str(tmp_path / "clean.npz")]) == 0
+    if out != "out.npz":
+        assert main(["record", str(tmp_path / out), str(tmp_path / "again.npz")]) == 0
+    with np.load(tmp_path / "clean.npz") as archive:
+        sent, sent_ns = archive["disparity"], archive["timestamps_ns"]
+    with np.load(tmp_path / ("out.npz" if out == "out.npz" else "again.npz")) as archive:
+        kept, kept_ns = archive["disparity"], archive["timestamps_ns"]
+    which = np.abs(sent_ns - kept_ns[:, None]).argmin(axis=1)
+    # fakenect's ticks.
+    assert np.abs(sent_ns[which] - kept_ns).max() <= 8
+    differs = kept != sent[which]
+    assert (kept[differs] == 2047).all()
+    end = events(source)[-1]["counters"]
+    # A packet has 1748 bytes of samples, which have 11 bits.
+    assert 0 < differs.sum() <= end["packets_lost"] * (1748 * 8 / 11 + 2)
+    # That they were lost is not kept.
+    assert end["frames_incomplete"] > 0
+    assert events(tmp_path / out)[-1]["counters"]["frames_incomplete"] == 0
 
 
 def test_whoever_closes_a_stream_has_a_whole_recording(packets: Path, tmp_path: Path) -> None:

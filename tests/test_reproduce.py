@@ -21,7 +21,7 @@ import pytest
 import physinc
 from physinc import reproduce_command
 from physinc.cli import main
-from physinc.reproduce import style
+from physinc.reproduce import recordings, style
 from physinc.reproduce.all import EXPERIMENTS
 from physinc.reproduce.experiment import Section, spread
 from physinc.reproduce.observation import PAPER, observe
@@ -40,9 +40,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def cells(text: str, first: str) -> list[str]:
     """The row of a table of the page that begins with `first`."""
-    row = re.search(rf"<tr><td>{re.escape(first)}</td>(.*?)</tr>", text)
-    assert row is not None, first
-    return [html.unescape(cell) for cell in re.findall(r"<td>(.*?)</td>", row[1])]
+    rows = ([html.unescape(cell) for cell in re.findall(r"<td>(.*?)</td>", row)] for row in re.findall(r"<tr>(.*?)</tr>", text))
+    return next(row[1:] for row in rows if row[:1] == [first])
 
 
 def test_the_page_needs_nothing_else(made: Path) -> None:
@@ -184,10 +183,117 @@ def test_ctrl_c_ends_it_soon(tmp_path: Path, to_all: bool, seconds: float) -> No
     assert not any(map(lives, at_work))
 
 
-def test_what_is_lacking_is_said() -> None:
+def test_what_is_lacking_is_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     there = physinc._physinc.scenes()
     for experiment in EXPERIMENTS:
-        unknown = [scene for scene in experiment.scenes if scene not in there]
-        assert (experiment.lacks(there) is None) == (not unknown and experiment.needs() is None)
+        # Whatever is lacking is no scene.
+        assert not set(experiment.scenes) - set(there)
         if experiment.scenes:
-            assert experiment.scenes[0] in (experiment.lacks([]) or "")
+            assert experiment.lacks(there) is None
+            assert experiment.lacks([]) == f"there is no scene {', '.join(experiment.scenes)}"
+    monkeypatch.setenv("PHYSINC_DATA", str(tmp_path))
+    assert str(tmp_path / "jugglebot-mocap") in (recordings.EXPERIMENT.lacks(there) or "")
+
+
+def test_recordings_are_beside_the_project_wherever_one_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    named, project, here = (tmp_path / name / "shared" / "data" / "jugglebot-mocap" for name in ("named", "project", "here"))
+    (tmp_path / "here" / "work").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "here" / "work")
+    assert recordings.BESIDE[0] == Path(__file__).resolve().parents[2]
+    monkeypatch.setattr(recordings, "BESIDE", (tmp_path / "project", recordings.BESIDE[1]))
+    monkeypatch.delenv("PHYSINC_DATA", raising=False)
+    assert recordings.folder() is None
+    here.mkdir(parents=True)
+    assert recordings.folder() == Path("../shared/data/jugglebot-mocap")
+    project.mkdir(parents=True)
+    assert recordings.folder() == project
+    monkeypatch.setenv("PHYSINC_DATA", str(named.parent))
+    assert recordings.folder() is None
+    named.mkdir(parents=True)
+    assert recordings.folder() == named
+
+
+@pytest.fixture(scope="module")
+def others(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All experiments but that of the surfaces, as small as they can be."""
+    out = tmp_path_factory.mktemp("others")
+    names = [experiment.name for experiment in EXPERIMENTS if experiment.name != "surfaces"]
+    assert main(["reproduce", "--out", str(out), "--seeds", "1", *(f"--only={name}" for name in names)]) == 0
+    return out
+
+
+def number(cell: str) -> float:
+    """The first one in a cell."""
+    return float(cell.split(maxsplit=1)[0])
+
+
+def test_the_others_have_their_figures_and_scenes(others: Path) -> None:
+    drawn = {
+        "figure_05_derotation",
+        "figure_06_acceleration",
+        "figure_07_frames",
+        "figure_08_translation",
+        "figure_12_flying_robot",
+        "figure_13_tennis_ball",
+        "figure_14_toy_car",
+        "theta_of_laws",
+        *(["recordings_scale"] if recordings.folder() else []),
+    }
+    assert {path.stem for path in others.glob("*.png")} == drawn
+    assert all(path.read_bytes().startswith(PNG) for path in others.glob("*.png"))
+    text = (others / "index.html").read_text()
+    named = {scene for experiment in EXPERIMENTS if experiment.name != "surfaces" for scene in experiment.scenes}
+    assert set(re.findall(r"sim:(\w+)", text)) == named
+
+
+def test_the_roll_of_a_camera_is_found(others: Path) -> None:
+    text = (others / "index.html").read_text()
+    for flights in ("one flight", "six flights"):
+        for column in (2, 3):
+            assert number(cells(text, f"roll, {flights}")[column]) == pytest.approx(18, abs=1)
+            assert number(cells(text, f"size of acceleration, {flights}")[column]) == pytest.approx(9.81, abs=0.2)
+        assert 0 < number(cells(text, f"gravity's direction off, {flights}")[3]) < 0.5
+
+
+def test_the_way_of_a_camera_is_found(others: Path) -> None:
+    text = (others / "index.html").read_text()
+    actual, _, _, *ours = map(number, cells(text, "from start to end"))
+    assert actual == pytest.approx(155, abs=1)
+    assert ours == pytest.approx([actual, actual], abs=5)
+    off = [number(cell) for cell in cells(text, "its error")[3:]]
+    assert off == pytest.approx([one - actual for one in ours], abs=0.11)
+    axes = ("to the right", "away", "up")
+    for column in (2, 3, 4):
+        along = [number(cells(text, f"path, {axis} (rms)")[column]) for axis in axes]
+        assert number(cells(text, "path in space (rms)")[column]) == pytest.approx(math.hypot(*along), abs=0.2)
+
+
+def test_motors_are_told_from_gravity(others: Path) -> None:
+    text = (others / "index.html").read_text()
+    for what, active in (("flying robot, flying", 100), ("tennis ball, flying", 0), ("toy car, straight", 0), ("toy car, turning", 100)):
+        actual, _, _, ours = cells(text, what)
+        assert number(actual) == active
+        assert number(ours) == pytest.approx(active, abs=10)
+
+
+def test_better_laws_allow_a_smaller_threshold(others: Path) -> None:
+    text = (others / "index.html").read_text()
+    for better, worse in (("free fall with drag", "free fall"), ("rolling friction", "constant velocity")):
+        good, bad = cells(text, better), cells(text, worse)
+        assert good[:2] == bad[:2]
+        assert int(good[1]) > 10
+        assert 0 < number(good[3]) < number(bad[3])
+
+
+def test_a_millimetre_is_one_as_balls_fall(others: Path) -> None:
+    where = recordings.folder()
+    if where is None:
+        pytest.skip(f"no real recordings at {' or '.join(map(str, recordings.places()))} (PHYSINC_DATA names another folder)")
+    text = (others / "index.html").read_text()
+    files = [*where.glob("*.tsv"), *where.glob("*.json")]
+    assert files
+    for path in files:
+        flights, median, scatter, _ = cells(text, path.name)
+        assert int(flights) >= 3
+        assert number(median) == pytest.approx(1, abs=0.03)
+        assert 0 < number(scatter) < 0.05

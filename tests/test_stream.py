@@ -290,3 +290,12 @@ def test_counters_and_reasons(csv: Path) -> None:
     assert stream.stats == events[-1].counters
     assert stream.stats.events == len(events)
     assert stream.busy > 0
+
+
+@pytest.mark.parametrize("reconnect", [-1, -0.5, float("nan"), float("-inf")])
+def test_nobody_is_away_for_less_than_no_time(csv: Path, reconnect: float) -> None:
+    for source in (csv, flight()):
+        with pytest.raises(ValueError, match=rf"^reconnect = {reconnect}: expected True, False, or seconds, at least 0$"):
+            physinc.stream(source, reconnect=reconnect)
+    for seconds in (0, 0.5, True, False):
+        assert list(physinc.stream(csv, reconnect=seconds))

@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import tomlkit
 from numpy.typing import NDArray
-from tomlkit.exceptions import ParseError
 
-from .errors import ConfigError
+from ._physinc import dump_config
 
 NAME = "camera.toml"
 PACKED = (".gz", ".zst")
+MARK = "\ufeff"
+"""Some editors begin a file with it."""
 
 
 def beside(source: str) -> Path:
@@ -35,16 +36,13 @@ def beside(source: str) -> Path:
     return shared if shared.is_file() and not own.is_file() else own
 
 
-def pose_in(text: str, name: Path) -> NDArray[np.float64] | None:
-    """`world_from_camera` [4, 4] in the TOML `text` of the file `name`, if it is told there."""
-    try:
-        told = tomlkit.parse(text).get("world_from_camera")
-        pose = None if told is None else np.array(told.unwrap(), dtype=float)
-    except (ParseError, ValueError, AttributeError) as error:
-        raise ConfigError(f"{name}: {error}") from None
-    if pose is not None and pose.shape != (4, 4):
-        raise ConfigError(f"{name}: world_from_camera must be 4 rows of 4 numbers")
-    return pose
+def read(path: Path) -> tuple[str, NDArray[np.float64] | None]:
+    """Text of the camera file `path`, to the letter, and `world_from_camera` [4, 4], if it is told there.
+
+    Raises `ConfigError` as whoever uses the file does.
+    """
+    pose = tomlkit.parse(dump_config(camera=path)).unwrap()["camera"].get("world_from_camera")
+    return path.read_bytes().decode(), None if pose is None else np.array(pose, dtype=float)
 
 
 def level_pose(gravity: NDArray[np.float64], known: NDArray[np.float64] | None) -> NDArray[np.float64]:
@@ -72,13 +70,14 @@ def level_pose(gravity: NDArray[np.float64], known: NDArray[np.float64] | None) 
 
 def with_pose(text: str, pose: NDArray[np.float64]) -> str:
     """Return the TOML `text` with `world_from_camera` = `pose`, everything else, comments too, as it was."""
-    document = tomlkit.parse(text)
+    plain = text.removeprefix(MARK)
+    document = tomlkit.parse(plain)
     rows = tomlkit.array()
     for row in pose:
         # −0 is written as 0.
         rows.append([round(float(x), 12) + 0.0 for x in row])
     document["world_from_camera"] = rows.multiline(multiline=True)
-    return tomlkit.dumps(document)
+    return text[: len(text) - len(plain)] + tomlkit.dumps(document)
 
 
 def write(path: Path, text: str) -> None:
@@ -87,7 +86,7 @@ def write(path: Path, text: str) -> None:
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     new = Path(name)
     try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
+        with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
             file.write(text)
             file.flush()
             os.fsync(file.fileno())

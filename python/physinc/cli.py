@@ -21,12 +21,13 @@ from .errors import (
     PhysincError,
     UnknownSourceError,
 )
+from .escaping import escape_output
 from .interrupting import interruptible
 from .level import Level, gravity_of
-from .level_command import Frames
 from .level_command import level as level_camera
 from .motor_commands import led, tilt
 from .narration import Narration, Plain, Progress, remark
+from .options import Frames
 from .reproduce_command import reproduce
 from .scale_command import scale
 from .streaming import open_named, path_of
@@ -167,7 +168,10 @@ def record(
     level: Annotated[Level | None, Parameter(show_default=False)] = None,
     tum: Annotated[bool, Flag] = False,
 ) -> int:
-    """Record SOURCE in OUT, with the camera in camera.toml, so that `physinc run OUT` tells the same.
+    """Record SOURCE in OUT, with the camera in camera.toml, for `physinc run OUT`.
+
+    That tells the same as SOURCE, unless packets were lost: only a capture (pcapng) keeps that they were. In other formats every sample
+    that came is the same, and lost ones read as 2047, like places without a reading.
 
     Parameters
     ----------
@@ -175,9 +179,8 @@ def record(
         Any source of depth frames, as for run.
     out
         FILE.npz (disparity as it is, depth in whole mm), or else a folder in fakenect's layout: stamps become ticks of 60 MHz, at most
-        8 ns away. Of a source of packets also FILE.pcapng, FILE.pcapng.gz or FILE.pcapng.zst: the packets themselves; elsewhere lost
-        samples read as 2047. Nothing is overwritten. A folder is readable up to its last frame even if the recording is killed, a
-        file up to its last second.
+        8 ns away. Of a source of packets also FILE.pcapng, FILE.pcapng.gz or FILE.pcapng.zst: the packets themselves. Nothing is
+        overwritten. A folder is readable up to its last frame even if the recording is killed, a file up to its last second.
     frames
         Stop after so many frames.
     every_frame
@@ -194,8 +197,12 @@ def record(
         open_recording(path_of(source), out, gravity=gravity_of(source, level), tum=tum, frames=frames) as recording,
         Progress(out, frames) as progress,
     ):
-        for count, timestamp_ns in recording:
-            progress.tell(count, timestamp_ns, lost=recording.counters.packets_lost, size=recording.bytes)
+        try:
+            for _, timestamp_ns in recording:
+                progress.tell(recording.counters, recording.bytes, timestamp_ns)
+        finally:
+            # Ctrl-C comes between a frame and its telling, too.
+            progress.tell(recording.counters, recording.bytes)
         remarks = recording.remarks
     remark(source, remarks)
     return 0
@@ -232,6 +239,7 @@ def main(arguments: list[str] | None = None) -> int:
         # Whoever closed it beforehand doesn't read either.
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115 - as long as the program runs
+    escape_output()
     try:
         return int(app(arguments, exit_on_error=False, result_action="return_value") or 0)
     except CycloptsError:

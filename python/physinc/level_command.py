@@ -5,23 +5,22 @@ from __future__ import annotations
 import math
 import sys
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any
 
 import numpy as np
 import tomlkit
 from cyclopts import Parameter, validators
 from numpy.typing import NDArray
-from tomlkit.exceptions import ParseError
 
-from ._physinc import CameraOrientation, StreamStarted
-from .camera_file import beside, level_pose, pose_in, with_pose, write
+from ._physinc import CameraOrientation, StreamStarted, dump_config
+from .camera_file import beside, level_pose, read, with_pose, write
 from .errors import ConfigError, RecordingError
 from .interrupting import interruptible
 from .narration import count
+from .options import Frames
 from .streaming import open_named
 
 Flag = Parameter(negative="", show_default=False)
-Frames: TypeAlias = Annotated[int | None, Parameter(validator=validators.Number(gte=1, lt=2**63))]
 USUAL = 9.81
 """m/s²; within 0.3 % anywhere on Earth."""
 
@@ -41,7 +40,8 @@ def level(
     """Find which way is down from the balls that fly in SOURCE, and write the camera's pose into camera.toml.
 
     Throw a ball through the view a few times: each flight tells gravity in the camera, all together roll and pitch with their σ.
-    Everything else in camera.toml stays, comments too. Of a live Kinect, stop by Ctrl-C or --duration.
+    Everything else in camera.toml stays, comments too. Of a live Kinect, stop by Ctrl-C or --duration: what was found until then is
+    written; after Ctrl-C the exit code is 130, as of run.
 
     Parameters
     ----------
@@ -67,12 +67,11 @@ def level(
     target = out or file
     # What stands where the pose will be is kept; where nothing stands yet, what is in force goes along.
     basis = target if target.is_file() else file
-    text = basis.read_text(encoding="utf-8") if basis.is_file() else ""
-    known = pose_in(text, basis)
+    text, known = read(basis) if basis.is_file() else ("", None)
     found: CameraOrientation | None = None
     # Whatever pose is told, gravity's direction is to be found.
     stream = open_named(source, config=_tilted(config), camera=camera, frames=frames, duration=duration, every_frame=every_frame)
-    with interruptible(stream, source):
+    with interruptible(stream, source) as interruption:
         for event in stream:
             match event:
                 case StreamStarted(camera=None):
@@ -80,11 +79,16 @@ def level(
                 case CameraOrientation(final=True):
                     found = event
                     sys.stderr.write(f"{count(event.flights, 'flight')}: {_angles(event)}\n")
+    code = 130 if interruption.came else 0
     if found is None:
-        raise RecordingError(
+        nothing = RecordingError(
             f"{source}: no flight was seen, so nothing tells which way is down:"
             " throw the ball so that it flies freely in view for half a second"
         )
+        if not interruption.came:
+            raise nothing
+        sys.stderr.write(f"physinc: {nothing}\n")
+        return code
     gravity = np.asarray(found.gravity_in_camera)
     sys.stdout.write(_report(found, gravity))
     pose = level_pose(gravity, known)
@@ -98,16 +102,14 @@ def level(
     else:
         write(target, new)
         sys.stdout.write(f"{target}: world_from_camera written\n")
-    return 0
+    return code
 
 
 def _tilted(config: Path | None) -> dict[str, Any]:
     """Return what `config` says, with the direction of gravity unknown."""
-    try:
-        keys: dict[str, Any] = tomlkit.parse(config.read_text(encoding="utf-8")).unwrap() if config is not None else {}
-    except (ParseError, UnicodeDecodeError, OSError) as error:
-        raise ConfigError(f"{config}: {error}") from None
-    return {**keys, "assume": {**keys.get("assume", {}), "camera": "tilted"}}
+    keys: dict[str, Any] = tomlkit.parse(dump_config(config=config)).unwrap()
+    keys["assume"]["camera"] = "tilted"
+    return keys
 
 
 def angle_sds(gravity: NDArray[np.float64], covariance: NDArray[np.float64]) -> tuple[float, float]:

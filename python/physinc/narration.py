@@ -46,10 +46,12 @@ class Progress:
         if self.count:
             self.console.print(self._line())
 
-    def tell(self, count: int, timestamp_ns: int, *, lost: int, size: int) -> None:
-        """Show that there are `count` frames, the newest of `timestamp_ns`, `lost` packets that never came, and `size` bytes written."""
-        self.start_ns = self.start_ns if self.count else timestamp_ns
-        self.count, self.newest_ns, self.lost, self.bytes = count, timestamp_ns, lost, size
+    def tell(self, counters: p.Counters, size: int, timestamp_ns: int | None = None) -> None:
+        """Show what came so far, the newest frame of `timestamp_ns` if that is known, and that `size` bytes are written."""
+        if timestamp_ns is not None:
+            self.start_ns = self.start_ns if self.count else timestamp_ns
+            self.newest_ns = timestamp_ns
+        self.count, self.lost, self.bytes = counters.frames, counters.packets_lost, size
         self.status.update(self._line())
 
     def _line(self) -> str:

@@ -14,6 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from ._physinc import scenes
 from .errors import ConfigError
+from .options import whole
 
 FIRST_SEED = 8000
 """No threshold or constant of physinc was chosen on these seeds."""
@@ -22,7 +23,7 @@ FIRST_SEED = 8000
 def reproduce(
     *,
     out: Path = Path("reproduced"),
-    seeds: Annotated[int, Parameter(validator=validators.Number(gte=1, lte=1000))] = 20,
+    seeds: Annotated[int, Parameter(converter=whole, validator=validators.Number(gte=1, lte=1000))] = 20,
     only: Annotated[tuple[str, ...], Parameter(show_default=False, negative="")] = (),
 ) -> int:
     """Run the paper's experiments on simulated counterparts of its set-ups, and write OUT/index.html with every figure and table.

@@ -43,7 +43,7 @@ def stream(
     level: Level | None = None,
     record: str | os.PathLike[str] | None = None,
     timeout: float | None = 2.0,
-    reconnect: bool = False,
+    reconnect: bool | float = False,
     law: Law | None = None,
 ) -> Stream:
     """Iterate over what happens in `source`.
@@ -64,7 +64,8 @@ def stream(
     With `record`, what the source delivers is recorded there, too, as `physinc record` does: closing the stream completes the recording.
     After `timeout` seconds without input `StreamTimeoutError` is raised (`None`: wait as long as it takes); iterables are waited for.
     Of a live Kinect there is video as well: `"kinect?video=color"`, or `infrared`, and the stream's `video` is the newest image.
-    With `reconnect` a device that is unplugged is awaited, and the stream goes on; otherwise `DeviceDisconnectedError` is raised then.
+    With `reconnect` a device that is unplugged is awaited (if it is a number, for so many seconds), and the stream goes on; otherwise
+    `DeviceDisconnectedError` is raised then.
 
     With `law` objects that nobody touches move by a law of your own instead of gravity and the air: `law(t, position, velocity)` returns
     the whole acceleration [3] (m/s², gravity included) at `t` seconds after a track began, for a position [3] (m) and a velocity [3] (m/s),
@@ -77,6 +78,9 @@ def stream(
     after `stream_ended` (reason `disconnected`) if the stream had begun.
     """
     config, camera = _plain(config), _plain(camera)
+    away = None if reconnect is False else math.inf if reconnect is True else float(reconnect)
+    if away is not None and not away >= 0:
+        raise ConfigError(f"reconnect = {reconnect}: expected True, False, or seconds, at least 0")
     if source is None:
         source = "kinect"
     if isinstance(source, (str, os.PathLike)):
@@ -89,7 +93,7 @@ def stream(
             images=frames,
             level=level,
             record=record,
-            reconnect=math.inf if reconnect else None,
+            reconnect=away,
             timeout=timeout,
             law=law,
         )
@@ -121,16 +125,15 @@ def open_named(
 
     A live device waits for the reader with `every_frame`, and may be away for `reconnect` seconds.
     """
-    name = os.fspath(source)
     opened = open_source(
-        path_of(name),
-        name=name,
+        path_of(source),
+        name=text_of(source),
         config=config,
         camera=camera,
         positions=positions,
         provisional=provisional,
         images=images,
-        gravity=gravity_of(name, level),
+        gravity=gravity_of(os.fspath(source), level),
         frames=frames,
         duration=duration,
         every_frame=every_frame,
@@ -145,13 +148,17 @@ def open_named(
     return opened
 
 
-def path_of(name: str) -> str:
-    """Return what the engine opens for the source `name`, which must be text."""
+def text_of(source: str | os.PathLike[str]) -> str:
+    """Return a source's name as the engine reads it: in UTF-8, whatever the locale's encoding."""
     try:
-        name.encode()
-    except UnicodeEncodeError:
-        raise ConfigError(f"{os.fsencode(name)!r}: a source's name must be UTF-8; rename the file, or link to it") from None
-    return str(DEMO) if name == "demo" else name
+        return os.fsencode(source).decode()
+    except UnicodeError:
+        raise ConfigError(f"{os.fspath(source)!a}: a source's name must be UTF-8; rename the file, or link to it") from None
+
+
+def path_of(source: str | os.PathLike[str]) -> str:
+    """Return what the engine opens for a source by name."""
+    return text_of(DEMO if os.fspath(source) == "demo" else source)
 
 
 def _plain(mapping: Any) -> Any:

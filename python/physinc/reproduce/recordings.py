@@ -24,8 +24,8 @@ LONG = 0.3
 """A shorter flight tells little, s."""
 STEEP = 0.9
 """Gravity pulls down: what seems to fall more than 25° off that is held and moved by somebody."""
-
-
+BESIDE = (Path(__file__).resolve().parents[4], Path(".."))
+"""`shared/data` is looked for beside the project, then beside the working directory."""
 SHOWN = (0.95, 1.05)
 """Scales in the figure, mm."""
 
@@ -44,10 +44,16 @@ class Flight:
     """[N], distances from the flight under drag, mm."""
 
 
+def places() -> list[Path]:
+    """Where the recordings may be: in `PHYSINC_DATA`, or, if that isn't set, beside the project or the working directory."""
+    told = os.environ.get("PHYSINC_DATA")
+    folders = [beside / "shared" / "data" for beside in BESIDE] if told is None else [Path(told)]
+    return [path / "jugglebot-mocap" for path in folders]
+
+
 def folder() -> Path | None:
-    """Where the recordings are: in `PHYSINC_DATA`, or beside the project; `None` where they aren't."""
-    path = Path(os.environ.get("PHYSINC_DATA", "../shared/data")) / "jugglebot-mocap"
-    return path if path.is_dir() else None
+    """Where the recordings are; `None` where they aren't."""
+    return next((path for path in places() if path.is_dir()), None)
 
 
 def flights(path: Path) -> list[Flight]:
@@ -145,7 +151,9 @@ def section(_: Sequence[int], results: Sequence[tuple[str, list[Flight]]]) -> Se
 
 def missing() -> str | None:
     """Say what is to be done to have them."""
-    return None if folder() is not None else "no real recordings in ../shared/data; PHYSINC_DATA may name another folder"
+    if folder() is not None:
+        return None
+    return f"no real recordings at {' or '.join(map(str, places()))}; PHYSINC_DATA may name the folder that jugglebot-mocap is in"
 
 
 EXPERIMENT = Experiment("recordings", (), tasks, section, missing)
