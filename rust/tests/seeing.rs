@@ -5,6 +5,7 @@ use physinc::detect::Detection;
 use physinc::engine::Engine;
 use physinc::geometry::camera::{Camera, DepthCode, KINECT_DISPARITY_LAW};
 use physinc::kinect::disparity::Packing;
+use physinc::math::Vec3;
 use physinc::seeing::{Area, Band, Buffers, Image, Scope, SeeError, Seeing};
 use proptest::prelude::*;
 use std::ops::Range;
@@ -253,5 +254,60 @@ fn images_of_a_few_pixels_are_seen_too() {
         for value in [2047, 700, 600] {
             seeing.see(Image::U16(&vec![value; width * height]), &mut heapless::Vec::new()).unwrap();
         }
+    }
+}
+
+/// Depth, m, of a ball of `radius` (m) at `center` (camera frame, m), as each pixel's ray meets it; NaN elsewhere. `noise`: m, by its index.
+fn ray_cast(camera: &Camera, center: &Vec3, radius: f64, noise: impl Fn(usize) -> f64) -> Vec<f32> {
+    let depth = |i: usize| {
+        let ray = camera.deproject((i % camera.width) as f64, (i / camera.width) as f64, 1.0);
+        let (along, square) = (ray.dot(center), ray.norm_squared());
+        let inside = along * along - square * (center.norm_squared() - radius * radius);
+        if inside > 0.0 { ((along - inside.sqrt()) / square + noise(i)) as f32 } else { f32::NAN }
+    };
+    (0..camera.width * camera.height).map(depth).collect()
+}
+
+#[test]
+fn a_camera_that_matches_over_no_window_sees_balls_where_they_are() {
+    let mut state = 7_u64;
+    let mut gaussian = move || {
+        (0..12)
+            .map(|_| {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                (state >> 11) as f64 / (1_u64 << 53) as f64
+            })
+            .sum::<f64>()
+            - 6.0
+    };
+    // A Kinect v1's lens, a time-of-flight camera's, and one with few pixels.
+    for (width, height, f, distance) in [(640, 480, 575.8, 1.5), (512, 424, 365.0, 1.5), (320, 240, 288.0, 1.0)] {
+        let keys = CameraConfig {
+            width: Some(width),
+            height: Some(height),
+            fx: Some(f),
+            fy: Some(f),
+            cx: Some(0.5 * f64::from(width)),
+            cy: Some(0.5 * f64::from(height)),
+            ..CameraConfig::default()
+        };
+        let camera = Camera::from_config(&keys, DepthCode::Depth { units_per_metre: 1000.0 }).unwrap();
+        let mut seeing = Seeing::new(&camera, &ObjectConfig::default(), 0, Buffers::owned(camera.width, camera.height)).unwrap();
+        let (mut seen, mut bias, mut nees) = (0.0, 0.0, 0.0);
+        for i in 0..60 {
+            let center = Vec3::new(0.3 * (f64::from(i) * 0.7).sin(), 0.2 * (f64::from(i) * 0.4).cos(), distance + 0.05 * f64::from(i % 5));
+            let noise: Vec<f64> = (0..camera.width * camera.height).map(|_| 0.002 * gaussian()).collect();
+            let mut detections = heapless::Vec::new();
+            seeing.see(Image::F32(&ray_cast(&camera, &center, 0.033, |i| noise[i])), &mut detections).unwrap();
+            if let (10.., Some(ball)) = (i, detections.first()) {
+                let off = ball.center - center;
+                seen += 1.0;
+                bias += off.z;
+                nees += off.dot(&(ball.covariance.try_inverse().unwrap() * off)) / 3.0;
+            }
+        }
+        let (bias, nees) = (bias / seen, nees / seen);
+        println!("f = {f}: {seen} balls, {:.2} mm too far, NEES {nees:.2}", bias * 1e3);
+        assert!(seen > 48.0 && bias.abs() < 0.7e-3 && (0.1..2.0).contains(&nees), "f = {f}: {seen} balls, {bias}, NEES {nees}");
     }
 }

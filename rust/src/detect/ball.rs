@@ -168,7 +168,7 @@ impl<S: Sample> View<'_, S> {
                 #[inline(always)]
                 || self.linearise(&patch, &guess, room),
             )?;
-            let mut normal = cap_equations.normal(self.factors.cap.value() * Noise::LARGER_WINDOW)?;
+            let mut normal = cap_equations.normal(self.factors.cap.value() * self.noise.larger_window())?;
             let across = across(&center);
             let silhouette = self.silhouette(&outline, &guess, &across);
             if let Some((outline, _)) = &silhouette {

@@ -9,6 +9,7 @@ pub mod equations;
 pub mod foreground;
 pub mod fusion;
 pub mod icp;
+pub mod matching;
 pub mod noise;
 pub mod patch;
 pub mod shape;

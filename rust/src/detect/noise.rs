@@ -3,14 +3,13 @@
 /// Noise of a depth image: along the ray, across it, and over how many pixels it is shared.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
-    /// Columns and rows of the matching window, px: readings whose windows overlap share noise in proportion. 9 × 9 or 9 × 7 in a Kinect v1
-    /// (Konolige and Mihelich 2010).
+    /// Columns and rows of the matching window, px, odd: readings whose windows overlap share noise in proportion. 1 × 1 where each is its own.
     pub window: [usize; 2],
 }
 
 impl Default for Noise {
     fn default() -> Self {
-        Self { window: [9, 7] }
+        Self { window: Self::KINECT }
     }
 }
 
@@ -24,13 +23,19 @@ pub struct Shares {
 }
 
 impl Noise {
-    /// How much more the mean of a large disc scatters if the window is the larger of the two.
-    pub const LARGER_WINDOW: f64 = 9.0 / 7.0;
+    /// The window of a Kinect v1: 9 × 9 or 9 × 7 (Konolige and Mihelich 2010).
+    pub const KINECT: [usize; 2] = [9, 7];
 
-    /// How far, m, a cap of `radius` (m) may be flattened otherwise than thought, at `scale` px a metre: the mean of (edge / 2)² / 6 over 2 · radius for
-    /// edges of 9 and of 7 px.
+    /// How much more the mean of a large disc scatters if the window is as large both ways as its longer edge.
+    pub fn larger_window(self) -> f64 {
+        self.window[0] as f64 / self.window[1] as f64
+    }
+
+    /// How far, m, a cap of `radius` (m) may be flattened otherwise than thought, at `scale` px a metre, for the same reason: the mean of
+    /// (edge / 2)² / 6 over 2 · radius for either edge.
     pub fn flattening_sd(self, scale: f64, radius: f64) -> f64 {
-        (9.0 * 9.0 - 7.0 * 7.0) / (24.0 * radius * scale * scale)
+        let [longer, shorter] = self.window.map(|edge| (edge * edge) as f64);
+        (longer - shorter) / (24.0 * radius * scale * scale)
     }
 
     /// Standard deviation of a reading at depth `z`, m: Nguyen, Izadi, Lovell 2012, Eq. 6.

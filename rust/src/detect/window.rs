@@ -70,11 +70,21 @@ impl Grid {
 
     /// Cells from one row to the next.
     pub const fn width(&self) -> usize {
-        (self.columns + self.window[0] - 1).next_multiple_of(WIDE)
+        (self.columns + Self::gap(self.window[0])).next_multiple_of(WIDE)
+    }
+
+    /// Cells that keep windows apart, and a pixel's neighbours.
+    const fn gap(edge: usize) -> usize {
+        if edge > 1 { edge - 1 } else { 1 }
     }
 
     /// The cell of the first pixel; so many there are before it, and behind the last one's row.
     pub const fn first(&self) -> usize {
+        Self::gap(self.window[1]) * self.width() + Self::gap(self.window[0])
+    }
+
+    /// How many cells behind its first one a window ends.
+    const fn reach(&self) -> usize {
         (self.window[1] - 1) * self.width() + self.window[0] - 1
     }
 
@@ -101,7 +111,7 @@ impl Grid {
 
     /// How many cells before a pixel the window begins that has it in its middle.
     pub const fn to_middle(&self) -> usize {
-        self.first() / 2
+        self.reach() / 2
     }
 
     /// Makes all but the pixels' rows `value`.
@@ -128,7 +138,8 @@ impl Grid {
     #[inline(always)]
     fn scatter(&self, from: &Plane, between: &mut Plane, to: &mut Plane) {
         let last = self.window[0] - 1;
-        let windows = self.cells() - self.first();
+        let from = from.get(self.first() - self.reach()..).unwrap_or_default();
+        let windows = self.rows * self.width() + self.reach();
         if let (Some(between), Some(to)) = (between.get_mut(..windows - last), to.get_mut(..self.rows * self.width() - last)) {
             sums(from, self.window[0], 1, between);
             sums(between, self.window[1], self.width(), to);

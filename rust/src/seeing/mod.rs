@@ -22,6 +22,7 @@ use self::survey::Survey;
 use crate::config::{ObjectConfig, Shape};
 use crate::detect::ball::Found;
 use crate::detect::foreground::{Coding, Sample};
+use crate::detect::matching::Matching;
 use crate::detect::noise::{Factors, Noise};
 use crate::detect::{Blob, Detection};
 use crate::error::ConfigError;
@@ -60,6 +61,7 @@ pub struct Seeing<'b> {
     coding: Coding,
     radii: Vec<f64, 4>,
     noise: Noise,
+    matching: Matching,
     factors: Factors,
     /// Of any shape, where that is what is looked for.
     shapes: Option<Shapes>,
@@ -112,6 +114,7 @@ impl<'b> Seeing<'b> {
             coding,
             radii,
             noise: Noise::default(),
+            matching: Matching::default(),
             factors: Factors::default(),
             shapes: any.then(Shapes::default),
             buffers,
@@ -213,7 +216,7 @@ impl<'b> Seeing<'b> {
             return true;
         }
         let everywhere = Area { rows: 0..self.camera.height, columns: 0..self.camera.width };
-        let mut found = Vec::new();
+        let (mut found, matching) = (Vec::new(), self.matching);
         let narrow = !scope.bands.is_empty()
             && scope.bands.iter().all(|band| {
                 let before = found.len();
@@ -223,8 +226,10 @@ impl<'b> Seeing<'b> {
             });
         if !narrow {
             found.clear();
+            self.matching = matching;
             self.cluttered += u64::from(self.search(&mut source, &everywhere, scope.missing, &mut found).is_err());
         }
+        self.matching.decide();
         self.follow(&mut source, |camera, row| kept(&found, camera, row));
         for ball in found {
             if ball.detection.blob == Blob::Whole {

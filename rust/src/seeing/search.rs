@@ -5,6 +5,8 @@ use super::{Area, Buffers, Seeing};
 use crate::detect::ball::{Found, View};
 use crate::detect::components::{CHUNK, Cluttered, Component, Marks, connect};
 use crate::detect::foreground::{Frame, Sample};
+use crate::detect::matching::WINDOWS;
+use crate::detect::noise::Noise;
 use crate::geometry::camera::Camera;
 use crate::simd::widest;
 use core::cell::Cell;
@@ -115,8 +117,15 @@ impl Seeing<'_> {
         for component in
             components.filter(|c| c.pixels >= FEWEST_PIXELS && usize::from(c.rows[1] - c.rows[0]) + 1 >= FEWEST_ROWS && whole(c))
         {
-            let view = |radius| View { frame: &frame, camera: &self.camera, noise: self.noise, factors: self.factors, radius };
-            let Some(ball) = look(view, &self.radii, component, planes) else { continue };
+            let mut look_with = |window| {
+                let view = |radius| View { frame: &frame, camera: &self.camera, noise: Noise { window }, factors: self.factors, radius };
+                look(view, &self.radii, component, planes)
+            };
+            let ball = match self.matching.settled() {
+                Some(window) => look_with(window),
+                None => self.matching.weigh(WINDOWS.map(look_with)),
+            };
+            let Some(ball) = ball else { continue };
             // Two pieces of one ball, on both sides of a hole.
             let is_known = |known: &Found| (known.detection.center - ball.detection.center).norm() < known.detection.radius;
             if !missing.is_empty() && found.iter().any(is_known) {
