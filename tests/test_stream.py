@@ -52,6 +52,15 @@ def test_frames_of_every_kind_and_layout_are_taken() -> None:
         assert events[-1].counters.frames == 5
 
 
+@pytest.mark.parametrize("kind", [np.uint16, np.float32])
+def test_frames_are_read_row_by_row_in_whatever_order_of_memory(kind: type) -> None:
+    rows, columns = np.mgrid[:480, :640]
+    depth = (1000 + rows + 2 * columns).astype(np.uint16)
+    for image in (np.asfortranarray(depth), np.ascontiguousarray(depth.T).T, depth[::-1][::-1], np.repeat(depth, 2, 1)[:, ::2]):
+        given = image if kind is np.uint16 else image.astype(kind) / kind(1000)
+        np.testing.assert_array_equal(newest(physinc.stream([(0, given)], frames=True)).depth_mm, depth)
+
+
 def test_lists_are_instants_and_nan_is_not_seen() -> None:
     nowhere = [float("nan")] * 3
     items = [[physinc.Position(i, [0, 0, 1], track=1), physinc.Position(i, [1, 0, 1], track=2)] for i in range(3)]
