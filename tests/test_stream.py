@@ -191,6 +191,34 @@ def test_a_stream_that_iterates_itself_says_so() -> None:
         list(streams[0])
 
 
+def test_who_iterates_goes_on_when_another_thread_is_refused() -> None:
+    waiting, go_on = threading.Event(), threading.Event()
+
+    def tracker() -> Iterator[physinc.Position]:
+        yield physinc.Position(0, [0, 0, 1])
+        waiting.set()
+        go_on.wait(20)
+        yield physinc.Position(1, [0, 0, 1])
+
+    def intrude() -> None:
+        waiting.wait(20)
+        try:
+            next(stream)
+        except ValueError as error:
+            refused.append(str(error))
+        go_on.set()
+
+    refused: list[str] = []
+    stream = physinc.stream(tracker())
+    other = threading.Thread(target=intrude)
+    other.start()
+    events = list(stream)
+    other.join()
+    assert refused == ["the stream is already being iterated"]
+    assert isinstance(events[-1], physinc.StreamEnded)
+    assert (events[-1].reason, events[-1].counters.frames) == ("end_of_source", 2)
+
+
 def test_stopping_early_ends_the_thread(csv: Path) -> None:
     before = len(list(Path("/proc/self/task").iterdir())) if Path("/proc/self/task").exists() else None
     for _ in range(50):

@@ -92,13 +92,21 @@ impl Stream {
             if let Some(event) = self.now().events.pop_front() {
                 return event::to_python(py, event).map(Some);
             }
-            match self.step(py) {
+            let outcome = match &self.feed {
+                Feed::Reader(reader) => self.wait(py, reader),
+                Feed::Iterable(iterable) => match iterable.try_lock() {
+                    Ok(mut iterable) => iterable.step(py, self.interrupted.load(Ordering::Relaxed)),
+                    // Whoever iterates goes on.
+                    Err(_) => return Err(PyValueError::new_err("the stream is already being iterated")),
+                },
+            };
+            match outcome {
                 Ok(Some(Step { events, predictors, environment, counters, busy, arrival_ns })) => {
                     *self.now() = Now { events: events.into(), predictors, environment, counters, busy, arrival_ns };
                 }
                 Ok(None) => {
                     let closed = self.close(py);
-                    return self.raised.as_ref().and_then(Raised::take).map_or(closed.map(|()| None), Err);
+                    return self.raised().map_or(closed.map(|()| None), Err);
                 }
                 Err(error) => {
                     // Silence and Ctrl-C leave the stream as it is, what else went wrong ends it.
@@ -111,7 +119,7 @@ impl Stream {
                 }
             }
         }
-        Ok(None)
+        self.raised().map_or(Ok(None), Err)
     }
 
     fn __enter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
@@ -240,14 +248,9 @@ impl Stream {
         self.now.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn step(&self, py: Python<'_>) -> PyResult<Option<Step>> {
-        match &self.feed {
-            Feed::Reader(reader) => self.wait(py, reader),
-            Feed::Iterable(iterable) => match iterable.try_lock() {
-                Ok(mut iterable) => iterable.step(py, self.interrupted.load(Ordering::Relaxed)),
-                Err(_) => Err(PyValueError::new_err("the stream is already being iterated")),
-            },
-        }
+    /// What the user's own law raised, once.
+    fn raised(&self) -> Option<PyErr> {
+        self.raised.as_ref().and_then(Raised::take)
     }
 
     fn wait(&self, py: Python<'_>, reader: &Reader) -> PyResult<Option<Step>> {
