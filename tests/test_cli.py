@@ -162,6 +162,14 @@ def test_a_simulation_can_be_run(tmp_path: Path) -> None:
     assert any(event["event"] == "contact" for event in events(physinc("run", tmp_path / "drop.npz", "--json").stdout))
 
 
+def test_what_goes_back_in_a_pipe_is_told_and_counted_once() -> None:
+    rows = [0, 1, 2, 3, 4, 5, 6, 7, 2, 3, 8, 9]
+    done = physinc("run", "-", stdin="t,x,y,z\n" + "".join(f"{t / 100},0,0,1\n" for t in rows))
+    assert done.returncode == 0
+    assert "12 frames, 0 lost, 2 not used" in done.stdout
+    assert done.stderr == "physinc: -: time stands still or goes back in line 10; not used for that: 2; sort the lines by time\n"
+
+
 def test_a_pipe_is_read_line_by_line() -> None:
     with started("run", "-", "--json", "--positions") as process:
         assert process.stdin is not None

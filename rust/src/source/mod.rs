@@ -15,6 +15,7 @@ mod folder;
 mod npz;
 mod npz_layout;
 mod npz_record;
+mod order;
 mod record;
 mod recorder;
 mod sidecar;
@@ -176,10 +177,7 @@ pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<
     match extension.as_deref() {
         _ if capture::is_named_so(path) => Ok(Box::new(Capture::open(path, &sidecar::in_force(path, config, camera)?)?)),
         Some("npz") => Ok(Box::new(Npz::open(path, &sidecar::in_force(path, config, camera)?)?)),
-        Some("csv") => {
-            let file = std::fs::File::open(path).map_err(|error| SourceError::unreadable(source, error))?;
-            Ok(Box::new(Csv::new(source, file, radius)))
-        }
+        Some("csv") => Ok(Box::new(Csv::open(source, radius)?)),
         _ if source.is_empty() => Err(unknown("a source without a name")),
         _ => match std::fs::metadata(path) {
             Err(error) => Err(SourceError::unreadable(source, error)),
