@@ -245,6 +245,22 @@ def test_a_silent_pipe_can_be_interrupted(tmp_path: Path) -> None:
         assert process.wait(timeout=60) == 130
 
 
+@pytest.mark.parametrize("name", ["live.pcap", "live.pcapng?lose=0.1&seed=1", "live.csv"])
+@pytest.mark.parametrize("opened", [False, True])
+def test_a_silent_pipe_is_a_timeout(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, opened: bool) -> None:
+    pipe = tmp_path / name.partition("?")[0]
+    os.mkfifo(pipe)
+    writer = os.open(pipe, os.O_RDWR) if opened else None
+    begun = time.monotonic()
+    with pytest.raises(physinc.errors.StreamTimeoutError, match=r"no input for 0\.\d s; timeout="):
+        list(physinc.stream(tmp_path / name, timeout=0.2))
+    assert time.monotonic() - begun < 2
+    assert main(["run", str(tmp_path / name)]) == 1
+    assert "no input for 2.0 s" in capsys.readouterr().err
+    if writer is not None:
+        os.close(writer)
+
+
 def test_faults_are_recorded_like_anything_else(capture: Path, tmp_path: Path) -> None:
     source, out = f"{capture}?lose=0.02&double=0.01&foreign=0.01&late=0.01&seed=1", tmp_path / "out.pcapng.zst"
     assert main(["record", source, str(out)]) == 0

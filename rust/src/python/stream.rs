@@ -8,7 +8,7 @@ use super::frame::Frame;
 use super::iterable::Iterable;
 use super::law::{Raised, StreamLaw};
 use super::video::VideoFrame;
-use super::waiting::{SLICE, wait_for};
+use super::waiting::{SLICE, check_patience, wait_for};
 use crate::event::Event;
 use crate::geometry::environment::Environment;
 use crate::math::rows;
@@ -213,18 +213,13 @@ impl Stream {
 impl Stream {
     fn new(
         feed: Feed,
-        timeout: Option<f64>,
+        timeout: Option<Duration>,
         latest: Option<Arc<Latest>>,
         video: Option<Arc<LatestVideo>>,
         tape: Option<Tape>,
         raised: Option<Raised>,
-    ) -> PyResult<Self> {
-        let timeout = match timeout {
-            None => None,
-            Some(seconds) if seconds > 0.0 => Duration::try_from_secs_f64(seconds).ok(),
-            Some(seconds) => return Err(PyValueError::new_err(format!("timeout = {seconds}: expected seconds above 0, or None"))),
-        };
-        Ok(Self {
+    ) -> Self {
+        Self {
             feed,
             timeout,
             closed: AtomicBool::new(false),
@@ -234,7 +229,7 @@ impl Stream {
             filmed: video.map(Shown::new),
             tape,
             raised,
-        })
+        }
     }
 
     /// Lets go of the source.
@@ -264,12 +259,7 @@ impl Stream {
                 Next::Silence => {}
             }
             py.check_signals()?;
-            if self.timeout.is_some_and(|timeout| start.elapsed() >= timeout) {
-                let seconds = start.elapsed().as_secs_f64();
-                return Err(StreamTimeoutError::new_err(format!(
-                    "no input for {seconds:.1} s; timeout=... waits longer, timeout=None as long as it takes"
-                )));
-            }
+            check_patience(start, self.timeout)?;
         }
     }
 }
@@ -345,6 +335,11 @@ pub fn open_source(
     timeout: Option<f64>,
     law: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Stream> {
+    let timeout = match timeout {
+        None => None,
+        Some(seconds) if seconds > 0.0 => Duration::try_from_secs_f64(seconds).ok(),
+        Some(seconds) => return Err(PyValueError::new_err(format!("timeout = {seconds}: expected seconds above 0, or None"))),
+    };
     let mut config = config::config(config)?;
     let file = match config::camera(camera)? {
         CameraSource::File(file) => Some(file),
@@ -357,7 +352,8 @@ pub fn open_source(
     config.camera.gravity_in_camera = gravity.or(config.camera.gravity_in_camera);
     let (law, raised) = law.map(|law| StreamLaw::new(law, &config)).transpose()?.unzip();
     let (named, theirs) = (String::from(source), config.clone());
-    let mut source = wait_for(py, move || crate::source::open(&named, &theirs, file.as_deref()))??;
+    let patience = timeout.filter(|_| crate::source::may_be_silent(&named));
+    let mut source = wait_for(py, patience, move || crate::source::open(&named, &theirs, file.as_deref()))??;
     if let Some(seconds) = reconnect {
         source.wait_for_return(Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX));
     }
@@ -375,7 +371,7 @@ pub fn open_source(
         run.obey(Box::new(law));
     }
     let video = source.video();
-    Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout, latest, video, tape, raised)
+    Ok(Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout, latest, video, tape, raised))
 }
 
 /// Takes frames or positions from a Python iterable.
@@ -401,5 +397,5 @@ pub fn open_iterable(
     let options = Options { positions, provisional, ..Options::default() };
     let latest = images.then(Arc::<Latest>::default);
     let feed = Feed::Iterable(Mutex::new(Iterable::new(items, config, options, latest.clone(), law)?));
-    Stream::new(feed, None, latest, None, None, raised)
+    Ok(Stream::new(feed, None, latest, None, None, raised))
 }

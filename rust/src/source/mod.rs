@@ -186,6 +186,16 @@ pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<
     }
 }
 
+/// Whether it is a pipe, or the like: opening it waits for whoever writes to it.
+pub fn may_be_silent(source: &str) -> bool {
+    std::fs::metadata(file_of(source)).is_ok_and(|kind| !kind.is_file() && !kind.is_dir())
+}
+
+/// The file that it names, if it names one.
+fn file_of(source: &str) -> &Path {
+    Path::new(with_faults(source).map_or(source, |(packets, _)| packets))
+}
+
 /// Whether it names a live Kinect.
 fn is_kinect(source: &str) -> bool {
     source.strip_prefix("kinect").is_some_and(|rest| rest.is_empty() || rest.starts_with([':', '?']))
