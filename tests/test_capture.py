@@ -228,6 +228,15 @@ def test_losses_are_told_and_counted(capture: Path, capsys: pytest.CaptureFixtur
     assert "no fault `loose`" in refusal(f"{capture}?loose=1")
 
 
+def test_faults_are_those_of_packets(tmp_path: Path, csv: Path, npz: Path) -> None:
+    *_, end = physinc.stream("demo?lose=0.05&seed=3")
+    assert isinstance(end, physinc.StreamEnded)
+    assert end.counters.packets_lost > 900
+    for source in (csv, npz, "sim:drop?seed=1"):
+        with pytest.raises(physinc.UnknownSourceError, match="faults happen to packets, and it delivers none: captures do, the demo"):
+            physinc.stream(f"{source}?lose=0.1")
+
+
 def test_only_packets_are_recorded_in_captures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["record", "sim:drop", str(tmp_path / "out.pcapng")]) == 2
     assert "captures hold packets" in capsys.readouterr().err

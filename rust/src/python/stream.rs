@@ -1,7 +1,7 @@
 //! `physinc.stream` from below: an iterator of events over a source on its own thread, or over a Python iterable.
 
 use super::array::{array1, array2};
-use super::config::{self, CameraSource};
+use super::config;
 use super::error::StreamTimeoutError;
 use super::event::{self, Counters};
 use super::frame::Frame;
@@ -341,19 +341,12 @@ pub fn open_source(
         Some(seconds) => return Err(PyValueError::new_err(format!("timeout = {seconds}: expected seconds above 0, or None"))),
     };
     let mut config = config::config(config)?;
-    let file = match config::camera(camera)? {
-        CameraSource::File(file) => Some(file),
-        CameraSource::Keys(keys) => {
-            config.camera = keys.or(&config.camera);
-            None
-        }
-        CameraSource::Nowhere => None,
-    };
+    let camera = config::camera(camera)?;
     config.camera.gravity_in_camera = gravity.or(config.camera.gravity_in_camera);
     let (law, raised) = law.map(|law| StreamLaw::new(law, &config)).transpose()?.unzip();
     let (named, theirs) = (String::from(source), config.clone());
     let patience = timeout.filter(|_| crate::source::may_be_silent(&named));
-    let mut source = wait_for(py, patience, move || crate::source::open(&named, &theirs, file.as_deref()))??;
+    let mut source = wait_for(py, patience, move || crate::source::open(&named, &theirs, camera.read()?.as_ref()))??;
     if let Some(seconds) = reconnect {
         source.wait_for_return(Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX));
     }
@@ -387,11 +380,9 @@ pub fn open_iterable(
     law: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Stream> {
     let mut config = config::config(config)?;
-    config.camera = match config::camera(camera)? {
-        CameraSource::File(file) => config.camera.or(&crate::config_file::read_camera(&file)?),
-        CameraSource::Keys(keys) => keys.or(&config.camera),
-        CameraSource::Nowhere => config.camera,
-    };
+    if let Some(camera) = config::camera(camera)?.read()? {
+        config.camera = config.camera.or(&camera);
+    }
     config.validate()?;
     let (law, raised) = law.map(|law| StreamLaw::new(law, &config)).transpose()?.unzip();
     let options = Options { positions, provisional, ..Options::default() };
