@@ -228,6 +228,15 @@ def test_losses_are_told_and_counted(capture: Path, capsys: pytest.CaptureFixtur
     assert "no fault `loose`" in refusal(f"{capture}?loose=1")
 
 
+def test_faults_are_those_of_packets(tmp_path: Path, csv: Path, npz: Path) -> None:
+    *_, end = physinc.stream("demo?lose=0.05&seed=3")
+    assert isinstance(end, physinc.StreamEnded)
+    assert end.counters.packets_lost > 900
+    for source in (csv, npz, "sim:drop?seed=1"):
+        with pytest.raises(physinc.UnknownSourceError, match="faults happen to packets, and it delivers none: captures do, the demo"):
+            physinc.stream(f"{source}?lose=0.1")
+
+
 def test_only_packets_are_recorded_in_captures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["record", "sim:drop", str(tmp_path / "out.pcapng")]) == 2
     assert "captures hold packets" in capsys.readouterr().err
@@ -243,6 +252,22 @@ def test_a_silent_pipe_can_be_interrupted(tmp_path: Path) -> None:
         time.sleep(0.2)
         process.send_signal(signal.SIGINT)
         assert process.wait(timeout=60) == 130
+
+
+@pytest.mark.parametrize("name", ["live.pcap", "live.pcapng?lose=0.1&seed=1", "live.csv"])
+@pytest.mark.parametrize("opened", [False, True])
+def test_a_silent_pipe_is_a_timeout(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, opened: bool) -> None:
+    pipe = tmp_path / name.partition("?")[0]
+    os.mkfifo(pipe)
+    writer = os.open(pipe, os.O_RDWR) if opened else None
+    begun = time.monotonic()
+    with pytest.raises(physinc.errors.StreamTimeoutError, match=r"no input for 0\.\d s; timeout="):
+        list(physinc.stream(tmp_path / name, timeout=0.2))
+    assert time.monotonic() - begun < 2
+    assert main(["run", str(tmp_path / name)]) == 1
+    assert "no input for 2.0 s" in capsys.readouterr().err
+    if writer is not None:
+        os.close(writer)
 
 
 def test_faults_are_recorded_like_anything_else(capture: Path, tmp_path: Path) -> None:

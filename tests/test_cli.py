@@ -95,6 +95,10 @@ def test_stdin_is_read(csv: Path) -> None:
         (["run", "kinect?video=blue"], 2, "video"),
         (["run", "demo", "--config", "nowhere.toml"], 2, "nowhere.toml"),
         (["run", "demo", "--camera", "nowhere.toml"], 2, "nowhere.toml"),
+        (["run", "sim:drop", "--camera", "nowhere.toml"], 2, "nowhere.toml"),
+        (["run", "demo?loose=1"], 2, "no fault `loose`"),
+        (["run", f"{__file__}?lose=0.1"], 2, "sources are"),
+        (["run", f"{DEMO.parent}?lose=0.1"], 2, "sources are"),
         (["run", "demo", "--frames", "0"], 2, "frames"),
         (["run", "demo", "--frames", "1.5"], 2, "1.5 is no whole number"),
         (["record", "demo", "/nowhere/out.npz", "--frames", "1.5"], 2, "1.5 is no whole number"),
@@ -194,6 +198,14 @@ def test_a_name_in_utf_8_is_one_in_any_locale(csv: Path, tmp_path: Path) -> None
 def test_a_simulation_can_be_run(tmp_path: Path) -> None:
     assert physinc("simulate", "drop", tmp_path / "drop.npz").returncode == 0
     assert any(event["event"] == "contact" for event in events(physinc("run", tmp_path / "drop.npz", "--json").stdout))
+
+
+def test_what_goes_back_in_a_pipe_is_told_and_counted_once() -> None:
+    rows = [0, 1, 2, 3, 4, 5, 6, 7, 2, 3, 8, 9]
+    done = physinc("run", "-", stdin="t,x,y,z\n" + "".join(f"{t / 100},0,0,1\n" for t in rows))
+    assert done.returncode == 0
+    assert "12 frames, 0 lost, 2 not used" in done.stdout
+    assert done.stderr == "physinc: -: time stands still or goes back in line 10; not used for that: 2; sort the lines by time\n"
 
 
 def test_a_pipe_is_read_line_by_line() -> None:

@@ -7,7 +7,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from conftest import frames
 
 import physinc
 from physinc._physinc import dump_config
@@ -124,10 +126,58 @@ def test_cameras_are_found_in_their_order(tmp_path: Path, npz: Path) -> None:
     (tmp_path / "other.toml").write_text("fx = 503.0")
     assert fx(source=npz, camera=tmp_path / "other.toml") == 503.0
     assert fx(source=npz, camera=tmp_path / "other.toml", config={"camera": {"fx": 504.0}}) == 504.0
-    assert fx(source=npz, camera={"fx": 505.0}, config={"camera": {"fx": 504.0}}) == 505.0
+    assert fx(source=npz, camera={"fx": 505.0}, config={"camera": {"fx": 504.0}}) == 504.0
     assert fx(source=npz, camera=physinc.CameraConfig(fx=506.0)) == 506.0
     # Key by key: what the winner leaves out is taken from below.
     assert fx(source=npz, config={"camera": {"fy": 504.0}}) == 502.0
+
+
+@pytest.mark.parametrize("source", ["npz", "demo", "sim:drop", "sim:drop?packets=1", "frames"])
+def test_keys_from_python_say_what_a_file_of_them_says(tmp_path: Path, npz: Path, source: str) -> None:
+    def started(camera: Any, config: Any = None) -> physinc.StreamStarted:
+        opened: Any = {"npz": npz, "frames": zip(*frames().values(), strict=True)}.get(source, source)
+        event = next(iter(physinc.stream(opened, camera=camera, config=config)))
+        assert isinstance(event, physinc.StreamStarted)
+        return event
+
+    npz.with_suffix(".camera.toml").write_text("fx = 502.0\nfy = 503.0\n")
+    (tmp_path / "file.toml").write_text("fx = 600.0\ncx = 300.0\n")
+    keys = {"fx": 600.0, "cx": 300.0}
+    of_file = started(tmp_path / "file.toml")
+    assert of_file.camera is not None
+    assert (of_file.camera.fx, of_file.camera.cx, of_file.camera.cy) == (600.0, 300.0, 239.5)
+    for camera in (keys, physinc.CameraConfig(fx=600.0, cx=300.0)):
+        assert started(camera) == of_file
+    config = {"camera": {"fx": 700.0}}
+    assert started(keys, config) == started(tmp_path / "file.toml", config)
+    wins = started(keys, config).camera
+    assert wins is not None
+    assert (wins.fx, wins.cx) == (700.0, 300.0)
+
+
+def test_a_simulated_scene_obeys_its_camera_file(tmp_path: Path) -> None:
+    pose = [[1.0, 0, 0, 0.5], [0, 0, 1, 0], [0, -1, 0, 1], [0, 0, 0, 1]]
+    own, told, instead = (
+        next(iter(physinc.stream("sim:drop", **options)))
+        for options in ({}, {"config": {"camera": {"world_from_camera": pose}}}, {"camera": {"world_from_camera": pose}})
+    )
+    assert isinstance(own, physinc.StreamStarted)
+    assert isinstance(told, physinc.StreamStarted)
+    assert isinstance(instead, physinc.StreamStarted)
+    assert told.camera == own.camera
+    np.testing.assert_array_equal(told.world_from_camera, pose)
+    np.testing.assert_array_equal(instead.world_from_camera, pose)
+    images = [physinc.stream("sim:drop", frames=True, camera=camera) for camera in (None, {"fx": 500.0})]
+    for stream in images:
+        list(stream)
+    assert images[0].frame is not None
+    assert images[1].frame is not None
+    np.testing.assert_array_equal(images[0].frame.depth_mm, images[1].frame.depth_mm)
+    (tmp_path / "camera.toml").write_text("width = 32\nheight = 16\nfx = 30\nfy = 30\ncx = 16\ncy = 8\n")
+    with pytest.raises(physinc.RecordingError, match="it is 640×480 px, the camera is 32×16"):
+        physinc.stream("sim:drop", camera=tmp_path / "camera.toml")
+    with pytest.raises(physinc.ConfigError, match=r"camera\.fx = 0"):
+        physinc.stream("sim:drop", camera={"fx": 0})
 
 
 @pytest.mark.parametrize("options", [{"config": 5}, {"config": [1]}, {"camera": 5}])

@@ -242,6 +242,17 @@ def test_a_folder_without_an_index_is_named(tmp_path: Path) -> None:
     assert "neither INDEX.txt nor depth.txt" in refusal(tmp_path)
 
 
+def test_a_byte_order_mark_is_no_part_of_the_first_line(tmp_path: Path) -> None:
+    names, samples = ["d-10.0-60000.pgm", "d-10.1-2060000.pgm"], wall(2)
+    raw = fakenect(tmp_path / "fakenect", dict(zip(names, map(pgm, samples), strict=True)))
+    plain = tum(tmp_path / "tum", {"0.5": png(samples[0]), "0.6": png(samples[1])}, "0.5 depth/0.5.png\n0.6 depth/0.6.png\n")
+    for folder, index in ((raw, "INDEX.txt"), (plain, "depth.txt")):
+        (folder / index).write_text((folder / index).read_text(), encoding="utf-8-sig")
+        *_, end = physinc.stream(folder)
+        assert isinstance(end, physinc.StreamEnded)
+        assert end.counters.frames == 2
+
+
 def test_doubled_and_unsorted_frames_are_counted(tmp_path: Path) -> None:
     order = [0, 1, 1, 2, 4, 3, 5, 6, 12, 13]
     raw = [f"d-10.{i:06}-{i * 2_000_000}.pgm" for i in range(14)]
@@ -254,13 +265,16 @@ def test_doubled_and_unsorted_frames_are_counted(tmp_path: Path) -> None:
         ),
     ]
     for folder in folders:
-        events = list(physinc.stream(folder))
+        stream = physinc.stream(folder)
+        events = list(stream)
         gaps = [(event.reason, event.frames) for event in events if isinstance(event, physinc.Gap)]
         assert gaps[0] == ("stalled", 1)
         assert ("frames_lost", 5) in gaps
         end = events[-1]
         assert isinstance(end, physinc.StreamEnded)
         assert (end.counters.frames, end.counters.frames_dropped) == (10, 2)
+        (remark,) = stream.remarks
+        assert "time stands still or goes back in line 3; not used for that: 2; sort" in remark
 
 
 def events(source: str | Path) -> list[dict[str, Any]]:

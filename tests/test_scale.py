@@ -208,6 +208,37 @@ def test_the_largest_group_and_the_others_are_told(mixed: Path, capsys: pytest.C
     assert "straight" in refused["reason"]
 
 
+def test_covariances_of_a_csv_weigh_its_positions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    t, positions, _ = thrown(0.4, 7)
+    sd = np.where(np.arange(20) % 2, 1e-3, 4e-3)
+    positions = positions + np.random.default_rng(8).normal(size=(20, 3)) * sd[:, None]
+    path = tmp_path / "flight.csv"
+    rows = [
+        ",".join(map(repr, [*row, s * s, 0.0, 0.0, s * s, 0.0, s * s]))
+        for row, s in zip(np.c_[t, positions].tolist(), sd.tolist(), strict=True)
+    ]
+    path.write_text("t,x,y,z,xx,xy,xz,yy,yz,zz\n" + "\n".join(rows) + "\n")
+
+    def told(*options: str) -> tuple[float, float]:
+        assert main(["scale", str(path), "--json", *options]) == 0
+        (track,) = json.loads(capsys.readouterr().out)["tracks"]
+        assert track["positions"] == 20
+        return track["scale"], track["sd"]
+
+    weighed = physinc.fit_scale(t, positions, covariance=np.eye(3) * sd[:, None, None] ** 2)
+    alike = physinc.fit_scale(t, positions, sd=2e-3)
+    assert weighed is not None
+    assert alike is not None
+    assert told() == pytest.approx((weighed.scale, weighed.sd), rel=1e-6)
+    assert told("--sd", "2e-3") == pytest.approx((alike.scale, alike.sd), rel=1e-6)
+    assert weighed.sd < alike.sd
+    # Where a position has none, all weigh the same.
+    path.write_text(path.read_text().replace(rows[3], ",".join(rows[3].split(",")[:4]) + ",,,,,,"))
+    plain = physinc.fit_scale(t, positions)
+    assert plain is not None
+    assert told() == pytest.approx((plain.scale, plain.sd), rel=1e-6)
+
+
 def test_people_get_a_table(mixed: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["scale", str(mixed)]) == 0
     out = capsys.readouterr().out

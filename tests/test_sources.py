@@ -187,6 +187,31 @@ def test_csv_stamps_are_exact_and_missing_positions_are_instants(tmp_path: Path)
     assert events[-1].counters.frames == 3
 
 
+def test_a_csv_may_have_its_rows_in_any_order(tmp_path: Path, csv: Path) -> None:
+    header, *rows = csv.read_text().splitlines()
+    rows = [f"{row},1" for row in rows]
+    # The same ball again, a metre beside.
+    others = [f"{t},{float(x) + 1},{y},{z},2" for t, x, y, z, _ in (row.split(",") for row in rows)]
+
+    def told(name: str, lines: list[str]) -> list[physinc.Event]:
+        path = tmp_path / name
+        path.write_text("\n".join([f"{header},track", *lines]) + "\n")
+        stream = physinc.stream(path)
+        events = list(stream)[1:]
+        assert stream.remarks == []
+        return events
+
+    both = [row for pair in zip(rows, others, strict=True) for row in pair]
+    expected = told("sorted.csv", both)
+    assert sum(isinstance(event, physinc.Contact) for event in expected) == 6
+    assert told("long.csv", rows + others) == expected
+    assert told("reversed.csv", both[::-1]) == told("other_first.csv", others[::-1] + rows) == told("pairs.csv", [*others, *rows])
+    (tmp_path / "bad.csv").write_text("t,x,y,z\n1,1,2,3\n0,1,2,3\n2,1,2,far\n")
+    assert 'line 4: "far" is no number' in refusal(tmp_path / "bad.csv")
+    (tmp_path / "many.csv").write_text("t,x,y,z\n1,0,0,0\n" + "0,1,2,3\n" * 17)
+    assert "line 19: more than 16 positions at one time" in refusal(tmp_path / "many.csv")
+
+
 @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(rows=st.lists(st.lists(st.one_of(st.floats(-5, 5), st.floats()), min_size=4, max_size=4), max_size=30))
 def test_any_numbers_in_a_csv_give_finite_events_or_an_error(tmp_path: Path, rows: list[list[float]]) -> None:

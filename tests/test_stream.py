@@ -52,6 +52,15 @@ def test_frames_of_every_kind_and_layout_are_taken() -> None:
         assert events[-1].counters.frames == 5
 
 
+@pytest.mark.parametrize("kind", [np.uint16, np.float32])
+def test_frames_are_read_row_by_row_in_whatever_order_of_memory(kind: type) -> None:
+    rows, columns = np.mgrid[:480, :640]
+    depth = (1000 + rows + 2 * columns).astype(np.uint16)
+    for image in (np.asfortranarray(depth), np.ascontiguousarray(depth.T).T, depth[::-1][::-1], np.repeat(depth, 2, 1)[:, ::2]):
+        given = image if kind is np.uint16 else image.astype(kind) / kind(1000)
+        np.testing.assert_array_equal(newest(physinc.stream([(0, given)], frames=True)).depth_mm, depth)
+
+
 def test_lists_are_instants_and_nan_is_not_seen() -> None:
     nowhere = [float("nan")] * 3
     items = [[physinc.Position(i, [0, 0, 1], track=1), physinc.Position(i, [1, 0, 1], track=2)] for i in range(3)]
@@ -180,6 +189,34 @@ def test_a_stream_that_iterates_itself_says_so() -> None:
     streams.append(physinc.stream(tracker()))
     with pytest.raises(ValueError, match="already being iterated"):
         list(streams[0])
+
+
+def test_who_iterates_goes_on_when_another_thread_is_refused() -> None:
+    waiting, go_on = threading.Event(), threading.Event()
+
+    def tracker() -> Iterator[physinc.Position]:
+        yield physinc.Position(0, [0, 0, 1])
+        waiting.set()
+        go_on.wait(20)
+        yield physinc.Position(1, [0, 0, 1])
+
+    def intrude() -> None:
+        waiting.wait(20)
+        try:
+            next(stream)
+        except ValueError as error:
+            refused.append(str(error))
+        go_on.set()
+
+    refused: list[str] = []
+    stream = physinc.stream(tracker())
+    other = threading.Thread(target=intrude)
+    other.start()
+    events = list(stream)
+    other.join()
+    assert refused == ["the stream is already being iterated"]
+    assert isinstance(events[-1], physinc.StreamEnded)
+    assert (events[-1].reason, events[-1].counters.frames) == ("end_of_source", 2)
 
 
 def test_stopping_early_ends_the_thread(csv: Path) -> None:

@@ -179,6 +179,30 @@ def test_another_law_or_a_moving_camera_beside_it_is_refused(config: dict[str, A
     assert "\n" not in str(caught.value)
 
 
+def test_a_law_that_iterates_or_closes_its_stream_is_told_so() -> None:
+    def law(t: float, position: Array, velocity: Array) -> Array:
+        with pytest.raises(ValueError, match="already being iterated"):
+            next(stream)
+        return MAGNET
+
+    def impatient(t: float, position: Array, velocity: Array) -> Array:
+        next(stream)
+        return MAGNET
+
+    def rude(t: float, position: Array, velocity: Array) -> Array:
+        stream.close()
+        raise ZeroDivisionError
+
+    stream = physinc.stream(positions(pulled), law=law)
+    *_, end = stream
+    assert isinstance(end, physinc.StreamEnded)
+    assert end.reason == "end_of_source"
+    for raises, error in ((impatient, ValueError), (rude, ZeroDivisionError)):
+        stream = physinc.stream(positions(pulled), law=raises)
+        with pytest.raises(error):
+            list(stream)
+
+
 def test_a_law_is_a_callable() -> None:
     with pytest.raises(ValueError, match=r"law must be a callable law\(t, position, velocity\), got"):
         physinc.stream(positions(pulled), law="free_fall")  # type: ignore[arg-type]

@@ -120,7 +120,8 @@ class Narration:
                 angle = f"{math.degrees(event.angle):.1f}{_sd(event.sd, 180 / math.pi, 1)}°"
                 self._line(event.timestamp_ns, f"[yellow]the accelerometer is {angle} off what {count(event.flights, 'flight')} show[/]")
             case p.Gap():
-                self.lost += event.frames or 0
+                if event.reason != "stalled":  # Those are frames that came, and are not used.
+                    self.lost += event.frames or 0
                 if event.reason == "packets_lost" and not event.frames:
                     return  # Only parts of a frame are missing: the last line counts them.
                 seconds = (event.end_ns - event.start_ns) * 1e-9

@@ -73,7 +73,8 @@ def scale(
     Parameters
     ----------
     csv
-        Positions in any unit and any inertial axes: header t,x,y,z (t in s) and optionally track, an integer.
+        Positions in any unit and any inertial axes: header t,x,y,z (t in s) and optionally track, an integer, and covariances
+        xx,xy,xz,yy,yz,zz (units²), by which positions are weighed in flights whose every position has one.
     json
         Print one JSON object instead of a table.
     gravity
@@ -83,10 +84,11 @@ def scale(
     config
         TOML file, as for run: radius, mass and drag of the ball.
     sd
-        Noise of the positions, units an axis. Left out: the flights tell it.
+        Noise of the positions, units an axis, instead of their covariances. Without either the flights tell it.
 
     """
-    t, positions, labels = read_positions(csv)
+    t, positions, covariances, labels = read_positions(csv)
+    covariances = covariances.reshape(-1, 3, 3)
     if not len(t):
         raise RecordingError(f"{csv}: there are no positions in it")
     told, refused = [], []
@@ -94,7 +96,7 @@ def scale(
     for label in sorted(set(labels)):
         rows = np.flatnonzero(np.array(labels) == label)
         rows = rows[np.argsort(t[rows], kind="stable")]
-        found = _track(None if label < 0 else label, t[rows], positions[rows], fall)
+        found = _track(None if label < 0 else label, t[rows], positions[rows], covariances[rows], fall)
         if isinstance(found, TrackScale):
             told.append(found)
         else:
@@ -109,7 +111,9 @@ def scale(
     return 0
 
 
-def _track(label: int | None, t: NDArray[np.float64], positions: NDArray[np.float64], fall: Fall) -> TrackScale | str:
+def _track(
+    label: int | None, t: NDArray[np.float64], positions: NDArray[np.float64], covariances: NDArray[np.float64], fall: Fall
+) -> TrackScale | str:
     """Tell the scale of one trajectory by the flights that agree, or say why it has none."""
     if (still := np.flatnonzero(np.diff(t) <= 0)).size:
         return f"two positions at t = {t[still[0]]:.6f} s after the first: are several objects in one track?"
@@ -117,7 +121,8 @@ def _track(label: int | None, t: NDArray[np.float64], positions: NDArray[np.floa
     fits: list[tuple[ScaleFit, int]] = []
     remarks = []
     for start, end in flights:
-        fit = fit_scale(t[start:end], positions[start:end], *fall, None)
+        told = fall.sd is None and bool(np.isfinite(covariances[start:end]).all())
+        fit = fit_scale(t[start:end], positions[start:end], *fall, covariances[start:end] if told else None)
         if isinstance(fit, str):
             remarks.append(f"{t[start]:.3f} to {t[end - 1]:.3f} s: {fit}")
         else:

@@ -54,7 +54,7 @@ def stream(
     Left out it is a live Kinect, as is `"kinect"`; `"kinect:SERIAL"` is the one of that serial number (or place, `1-2.1`, or index).
 
     `config` is the path of a TOML file, a dict of the same shape, or a `Config`; `camera` likewise a camera file, a dict or a
-    `CameraConfig`, which wins over the file beside a recording.
+    `CameraConfig`, in place of the file beside a recording. `[camera]` in `config` wins over both.
 
     With `positions` every position is told, with `provisional` also events that a later one will replace.
     With `frames` the stream's `frame` is the newest depth image, whatever the events have come to: images that nobody looked at are gone,
@@ -62,7 +62,8 @@ def stream(
     With `level="accelerometer"` the world of a live Kinect is level, as far as its accelerometer knows, unless `world_from_camera` is
     given: z is up, y forward. Where thrown balls show another gravity, that is told (`level_disagreement`).
     With `record`, what the source delivers is recorded there, too, as `physinc record` does: closing the stream completes the recording.
-    After `timeout` seconds without input `StreamTimeoutError` is raised (`None`: wait as long as it takes); iterables are waited for.
+    After `timeout` seconds without input `StreamTimeoutError` is raised (`None`: wait as long as it takes), also while a pipe is
+    opened; iterables are waited for.
     Of a live Kinect there is video as well: `"kinect?video=color"`, or `infrared`, and the stream's `video` is the newest image.
     With `reconnect` a device that is unplugged is awaited (if it is a number, for so many seconds), and the stream goes on; otherwise
     `DeviceDisconnectedError` is raised then.
@@ -158,7 +159,8 @@ def text_of(source: str | os.PathLike[str]) -> str:
 
 def path_of(source: str | os.PathLike[str]) -> str:
     """Return what the engine opens for a source by name."""
-    return text_of(DEMO if os.fspath(source) == "demo" else source)
+    name, mark, faults = text_of(source).partition("?")
+    return f"{DEMO}{mark}{faults}" if name == "demo" else f"{name}{mark}{faults}"
 
 
 def _plain(mapping: Any) -> Any:

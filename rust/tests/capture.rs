@@ -2,7 +2,7 @@
 
 mod packets;
 
-use std::io::Cursor;
+use std::io::{self, Cursor, Read};
 use std::path::PathBuf;
 use std::{env, fs, process};
 
@@ -246,6 +246,47 @@ fn what_is_no_capture_of_a_kinect_says_why() {
     assert!(why(snapped.bytes).contains("tcpdump -s 245824"));
     let introduced = written(&Sent::new(), Some(Packing::Eleven));
     assert!(why(introduced).contains("the Kinect, device 2 on bus 1, sends none"));
+}
+
+/// The same bytes over and over.
+struct Endless(Cursor<Vec<u8>>);
+
+impl Read for Endless {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if self.0.position() == self.0.get_ref().len() as u64 {
+            self.0.set_position(0);
+        }
+        self.0.read(buffer)
+    }
+}
+
+#[test]
+fn what_never_ends_is_searched_as_far_as_its_first_gib() {
+    const MOST: usize = 1 << 24;
+    let endless = |start: &[u8], again: &[u8]| Cursor::new(start.to_vec()).chain(Endless(Cursor::new(again.to_vec())));
+    let assert_none = |input: Box<dyn Read + Send>| {
+        let message = Packets::read(input).expect("memory can be read").err().expect("no Kinect");
+        assert!(message.contains("no Kinect in the first GiB of it"), "{message}");
+    };
+    let pcapng = Usbmon::new(false, true, None).bytes;
+    let mut unknown = Usbmon { big: false, mmapped: true, nanos: None, bytes: Vec::new() };
+    unknown.block(0x0bad, &vec![0; MOST - 12]);
+    let unknown = unknown.bytes;
+    assert_none(Box::new(endless(&pcapng, &unknown)));
+    assert_none(Box::new(endless(&pcapng, &pcapng)));
+    let mut pcap = Usbmon::new(false, true, Some(false));
+    let header = std::mem::take(&mut pcap.bytes);
+    pcap.record(0, &vec![0; MOST], 0);
+    assert_none(Box::new(endless(&header, &pcap.bytes)));
+    assert_none(Box::new(endless(&zstd_of(&header), &zstd_of(&vec![0; MOST]))));
+    // A Kinect that comes later is none of it; one whose packing doesn't show in it is read.
+    let introduced = written(&Sent::new(), Some(Packing::Eleven));
+    let late = endless(&pcapng, &unknown).take(65 * MOST as u64 + pcapng.len() as u64).chain(Cursor::new(introduced));
+    assert_none(Box::new(late));
+    let mut one = Usbmon::new(false, true, None);
+    one.transfer(0, 5, 0x82, &[(0, &frames(1, Packing::Eleven)[0].1)], 0);
+    let mut packets = Packets::read(endless(&one.bytes, &unknown)).expect("memory can be read").expect("a Kinect");
+    assert!(packets.next_packet().expect("it is whole").is_some());
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 mod looped;
 mod packets;
+mod skipping;
 
 #[test]
 fn memory_stays_flat() {
@@ -11,6 +12,6 @@ fn memory_stays_flat() {
     assert!(outcome.contacts > 2 * loops, "{}", outcome.contacts);
     match outcome.growth {
         Some(bytes) => assert!(bytes.abs() < 1_000_000, "{bytes} bytes in {loops} loops"),
-        None => println!("skipped: this system doesn't say how much memory is resident"),
+        None => skipping::skip("this system doesn't say how much memory is resident"),
     }
 }

@@ -3,6 +3,8 @@
 //! Unlike times, these are the same on every machine that has the same instructions; callgrind counts them in a child process. For aarch64
 //! `rust/tests/aarch64/count` does, under qemu-user.
 
+mod skipping;
+
 use std::path::Path as File;
 use std::process::Command;
 
@@ -119,13 +121,12 @@ fn count(of: &str) -> Option<u64> {
 #[test]
 fn a_frame_takes_as_many_instructions_as_recorded() {
     if cfg!(debug_assertions) || !Path::Avx2.is_here() {
-        println!("skipped: recorded are release builds with AVX2");
-        return;
+        return skipping::skip("recorded are instructions of release builds with AVX2");
     }
     let counts: Vec<u64> = ["whole", "tracked"].into_iter().filter_map(count).collect();
     println!("instructions a frame, whole and tracked: {counts:?}");
     if counts.is_empty() {
-        println!("skipped: there is no valgrind");
+        skipping::miss("there is no valgrind, which counts instructions");
     }
     let version = Command::new("rustc").arg("--version").output().map(|output| String::from_utf8_lossy(&output.stdout).into_owned());
     // Another compiler makes other instructions.

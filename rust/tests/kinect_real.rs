@@ -1,5 +1,7 @@
 //! The 55 control transactions that the first libfreenect recorded from a real Kinect, where they are there.
 
+mod skipping;
+
 use std::path::Path;
 use std::{env, fs};
 
@@ -19,7 +21,7 @@ fn recorded() -> Option<Vec<Transaction>> {
     let folder = env::var_os("PHYSINC_DATA").map_or(beside, Into::into);
     let file = folder.join("libfreenect-2010-raw/camera_init_control_transactions.txt");
     let Ok(text) = fs::read_to_string(&file) else {
-        println!("skipped: no real transactions at {} (PHYSINC_DATA names the folder)", file.display());
+        skipping::skip(&format!("no real transactions at {} (PHYSINC_DATA names the folder)", file.display()));
         return None;
     };
     let number = |hex: &str| u16::from_str_radix(hex, 16).expect("hexadecimal");

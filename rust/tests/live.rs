@@ -2,6 +2,7 @@
 //! Each test runs its other half, an ignored test of its own, under it.
 
 mod counting;
+mod skipping;
 
 use std::process::Command;
 use std::time::Duration;
@@ -17,8 +18,7 @@ use physinc::stream::assembler::Assembler;
 /// Runs the ignored test `name` of this file under a virtual Kinect, if there is one.
 fn before(device: &[&str], name: &str) {
     let Some(program) = std::env::var_os("VIRTUAL_KINECT") else {
-        println!("skipped: VIRTUAL_KINECT does not name the virtual Kinect");
-        return;
+        return skipping::miss("VIRTUAL_KINECT does not name the virtual Kinect: `make virtual` makes it");
     };
     // Where anybody may run it.
     let own = std::env::temp_dir().join(format!("physinc-live-{}-{}", std::process::id(), name.replace("::", "-")));

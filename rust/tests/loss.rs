@@ -17,12 +17,17 @@ use physinc::sim::{Packets, Scene};
 use physinc::source::{Faults, Faulty, Input, Kinect, Source, SourceError};
 
 /// Kinds of loss, as they are written behind a source.
-const LOSSES: [&str; 8] = [
+const LOSSES: [&str; 13] = [
     "lose=0",
     "lose=0.01",
     "lose=0.05",
     "lose=0.2",
     "lose=0.05&burst=60",
+    "silence=0.00005",
+    "empty=0.05",
+    "short=0.05",
+    "foreign=0.05",
+    "double=0.05",
     "empty=0.02&short=0.02&foreign=0.02&double=0.02",
     "late=0.05",
     "flip=0.01",

@@ -79,7 +79,9 @@ impl Packets {
             others: Vec::new(),
             cut: 0,
         };
+        packets.records.limit(SEARCHED);
         packets.search()?;
+        packets.records.limit(u64::MAX);
         Ok(packets)
     }
 
@@ -172,8 +174,7 @@ impl Packets {
     fn search(&mut self) -> Result<(), String> {
         let mut cut = 0;
         let urb = loop {
-            let found = if self.records.passed() > SEARCHED { None } else { self.next_depth()? };
-            let Some(urb) = found else { return Err(self.why_none(cut)) };
+            let Some(urb) = self.next_depth()? else { return Err(self.why_none(cut)) };
             if self.sends_depth(&urb) {
                 break urb;
             }
@@ -204,7 +205,7 @@ impl Packets {
     }
 
     fn why_none(&self, cut: usize) -> String {
-        let searched = if self.records.passed() > SEARCHED { "the first GiB of it" } else { "it" };
+        let searched = if self.records.is_beyond() { "the first GiB of it" } else { "it" };
         if let Some(why) = self.records.why_none() {
             return why;
         }

@@ -36,13 +36,15 @@ pub(super) struct Records<R> {
     format: Option<Format>,
     /// To be passed before the next record.
     pending: usize,
+    /// How much of the capture is read, bytes.
+    limit: u64,
     has_usb: bool,
     other_link: Option<u16>,
 }
 
 impl<R: Read> Records<R> {
     pub(super) fn new(input: R) -> Self {
-        Self { window: Window::new(input), format: None, pending: 0, has_usb: false, other_link: None }
+        Self { window: Window::new(input), format: None, pending: 0, limit: u64::MAX, has_usb: false, other_link: None }
     }
 
     /// The bytes that ranges of the last record refer to.
@@ -50,9 +52,14 @@ impl<R: Read> Records<R> {
         self.window.ahead()
     }
 
-    /// How much of the capture was passed, bytes.
-    pub(super) fn passed(&self) -> u64 {
-        self.window.passed()
+    /// Reads no record that begins later than `limit` bytes into the capture.
+    pub(super) fn limit(&mut self, limit: u64) {
+        self.limit = limit;
+    }
+
+    /// Whether the limit is reached.
+    pub(super) fn is_beyond(&self) -> bool {
+        self.window.passed() > self.limit
     }
 
     /// Why there is no record of usbmon at all, if the file as such says so.
@@ -63,11 +70,11 @@ impl<R: Read> Records<R> {
         self.other_link.filter(|_| !self.has_usb).map(foreign)
     }
 
-    /// The next record; `None` at the end.
+    /// The next record; `None` at the end, or the limit.
     pub(super) fn next(&mut self) -> Result<Option<Record>, String> {
         loop {
             self.window.pass(core::mem::take(&mut self.pending));
-            if self.fill(1)? == 0 {
+            if self.is_beyond() || self.fill(1)? == 0 {
                 return Ok(None);
             }
             let found = match &self.format {

@@ -1,9 +1,10 @@
 //! Configurations from Python: paths, dicts and dataclasses.
 
 use super::error::in_config;
+use super::waiting::wait_for;
 use crate::config::{CameraConfig, Config};
-use crate::config_file;
-use crate::source::camera_in_force;
+use crate::config_file::{self, ConfigFileError};
+use crate::source::{camera_in_force, may_be_silent};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
@@ -12,7 +13,11 @@ use std::boxed::Box;
 use std::format;
 use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
+use std::time::Duration;
 use std::vec::Vec;
+
+/// A pipe may be silent for so long.
+const PATIENCE: Duration = Duration::from_secs(2);
 
 /// `None`, the path of a TOML file, a dict or a dataclass.
 pub fn config(from: Option<&Bound<'_, PyAny>>) -> PyResult<Config> {
@@ -33,40 +38,52 @@ pub fn config(from: Option<&Bound<'_, PyAny>>) -> PyResult<Config> {
     Ok(config)
 }
 
-/// What `camera` says: a file, or keys that win over those of the configuration.
+/// Where `camera` says something: in a file, or by itself, as a file of the same content would.
 pub enum CameraSource {
     File(PathBuf),
     Keys(Box<CameraConfig>),
     Nowhere,
 }
 
+impl CameraSource {
+    /// What it says; a file that is a pipe may stay silent.
+    pub fn read(self) -> Result<Option<CameraConfig>, ConfigFileError> {
+        match self {
+            Self::File(path) => config_file::read_camera(&path).map(Some),
+            Self::Keys(keys) => Ok(Some(*keys)),
+            Self::Nowhere => Ok(None),
+        }
+    }
+}
+
 /// `None`, the path of a camera file, a dict or a dataclass.
 pub fn camera(from: Option<&Bound<'_, PyAny>>) -> PyResult<CameraSource> {
     let Some(from) = from else { return Ok(CameraSource::Nowhere) };
-    match path(from) {
-        Some(path) => Ok(CameraSource::File(path)),
-        None => Ok(CameraSource::Keys(Box::new(keys(whole(from, "camera")?, "camera")?))),
+    if let Some(path) = path(from) {
+        return Ok(CameraSource::File(path));
     }
+    let keys: CameraConfig = keys(whole(from, "camera")?, "camera")?;
+    keys.validate()?;
+    Ok(CameraSource::Keys(Box::new(keys)))
 }
 
 /// The configuration in force for `source`, as TOML; a source that can't be opened is the error that opening it is.
 #[pyfunction]
 #[pyo3(signature = (source=None, config=None, camera=None))]
-pub fn dump_config(source: Option<&str>, config: Option<&Bound<'_, PyAny>>, camera: Option<&Bound<'_, PyAny>>) -> PyResult<String> {
+pub fn dump_config(
+    py: Python<'_>,
+    source: Option<&str>,
+    config: Option<&Bound<'_, PyAny>>,
+    camera: Option<&Bound<'_, PyAny>>,
+) -> PyResult<String> {
     let mut config = self::config(config)?;
-    let file = match self::camera(camera)? {
-        CameraSource::Keys(keys) => {
-            config.camera = keys.or(&config.camera);
-            None
-        }
-        CameraSource::File(file) => Some(file),
-        CameraSource::Nowhere => None,
-    };
+    let camera = self::camera(camera)?.read()?;
     if let Some(source) = source {
-        crate::source::open(source, &config, file.as_deref())?;
+        let (named, theirs, camera) = (String::from(source), config.clone(), camera.clone());
+        let patience = may_be_silent(source).then_some(PATIENCE);
+        wait_for(py, patience, move || crate::source::open(&named, &theirs, camera.as_ref()))??;
     }
-    let recording = source.filter(|source| Path::new(source).exists());
-    config.camera = camera_in_force(recording, &config, file.as_deref())?;
+    config.camera = camera_in_force(source, &config, camera.as_ref())?;
     config.validate()?;
     config_file::to_toml(&config).map_err(|error| in_config(error.to_string()))
 }

@@ -138,10 +138,10 @@ impl Iterable {
 
     fn frame(&mut self, timestamp_ns: i64, depth: &Bound<'_, PyAny>) -> PyResult<Step> {
         if let Ok(depth) = depth.extract::<PyReadonlyArray2<'_, u16>>() {
-            return self.push(Some(depth.shape()), Input::Frame { timestamp_ns, image: Image::U16(&contiguous(&depth)) });
+            return self.push(Some(depth.shape()), Input::Frame { timestamp_ns, image: Image::U16(&rows(&depth)) });
         }
         if let Ok(depth) = depth.extract::<PyReadonlyArray2<'_, f32>>() {
-            return self.push(Some(depth.shape()), Input::Frame { timestamp_ns, image: Image::F32(&contiguous(&depth)) });
+            return self.push(Some(depth.shape()), Input::Frame { timestamp_ns, image: Image::F32(&rows(&depth)) });
         }
         let got = match (depth.getattr("dtype"), depth.getattr("shape")) {
             (Ok(dtype), Ok(shape)) => format!("{dtype} {shape}"),
@@ -180,8 +180,10 @@ impl Iterable {
     }
 }
 
-fn contiguous<'a, T: numpy::Element + Copy>(array: &'a PyReadonlyArray2<'_, T>) -> Cow<'a, [T]> {
-    array.as_slice().map_or_else(|_| Cow::Owned(array.as_array().iter().copied().collect()), Cow::Borrowed)
+/// Row by row: in another order of memory, as a transposed array's, it is copied.
+fn rows<'a, T: numpy::Element + Copy>(array: &'a PyReadonlyArray2<'_, T>) -> Cow<'a, [T]> {
+    let borrowed = if array.is_c_contiguous() { array.as_slice().ok() } else { None };
+    borrowed.map_or_else(|| Cow::Owned(array.as_array().iter().copied().collect()), Cow::Borrowed)
 }
 
 fn unexpected(item: &Bound<'_, PyAny>) -> PyErr {

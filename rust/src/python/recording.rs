@@ -96,7 +96,7 @@ pub fn open_recording(
     let named = String::from(source);
     let mut config = Config::default();
     config.camera.gravity_in_camera = gravity;
-    let source = wait_for(py, move || source::open(&named, &config, None))??;
+    let source = wait_for(py, None, move || source::open(&named, &config, None))??;
     let recorder = Recorder::new(&*source, &out, tum)?;
     Ok(Recording(Mutex::new(Some(source::Recording::new(source, recorder, frames)))))
 }

@@ -63,14 +63,18 @@ pub fn split_flights<'py>(t: &Bound<'py, PyAny>, positions: &Bound<'py, PyAny>) 
     Ok(found)
 }
 
-/// The rows of a CSV of positions: times (s, since the first), positions, tracks (−1 where none is told).
+/// Times (s), positions, covariances, row by row, tracks.
+type Rows<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Vec<i64>);
+
+/// The rows of a CSV of positions: times (s, since the first), positions [N, 3], covariances [N, 9] (NaN where none is told), tracks (−1
+/// where none is told).
 #[pyfunction]
 #[allow(clippy::needless_pass_by_value)] // As Python gives it.
-pub fn read_positions(py: Python<'_>, path: PathBuf) -> PyResult<(Bound<'_, PyAny>, Bound<'_, PyAny>, Vec<i64>)> {
+pub fn read_positions(py: Python<'_>, path: PathBuf) -> PyResult<Rows<'_>> {
     let name = path.display().to_string();
     let file = File::open(&path).map_err(|error| crate::source::SourceError::unreadable(&name, error))?;
     let mut csv = Csv::new(&name, file, 0.0);
-    let (mut times, mut centers, mut tracks): (Vec<f64>, Vec<[f64; 3]>, Vec<i64>) = Default::default();
+    let (mut times, mut centers, mut covariances, mut tracks) = (Vec::new(), Vec::<[f64; 3]>::new(), Vec::<[f64; 9]>::new(), Vec::new());
     let mut first = None;
     while let Some(input) = csv.next_input()? {
         let Input::Positions { timestamp_ns, positions } = input else { continue };
@@ -78,8 +82,9 @@ pub fn read_positions(py: Python<'_>, path: PathBuf) -> PyResult<(Bound<'_, PyAn
         for position in positions {
             times.push(since as f64 * 1e-9);
             centers.push(position.center.into());
+            covariances.push(position.covariance.map_or([f64::NAN; 9], |covariance| core::array::from_fn(|i| covariance[i])));
             tracks.push(position.label.map_or(-1, i64::from));
         }
     }
-    Ok((array1(py, &times), array2(py, &centers)?, tracks))
+    Ok((array1(py, &times), array2(py, &centers)?, array2(py, &covariances)?, tracks))
 }

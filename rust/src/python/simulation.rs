@@ -13,7 +13,7 @@ use std::vec::Vec;
 /// it and leaves no file.
 #[pyfunction]
 pub fn simulate(py: Python<'_>, scene: String, out: PathBuf) -> PyResult<(usize, usize, usize)> {
-    let plan = wait_for(py, move || sim::Plan::new(&scene, &out))??;
+    let plan = wait_for(py, None, move || sim::Plan::new(&scene, &out))??;
     #[allow(clippy::redundant_closure_for_method_calls)] // The method by itself is not of every lifetime.
     let go_on = || Python::attach(|py| py.check_signals()).map_err(io::Error::other);
     let summary = py.detach(|| plan.write(go_on))?;
@@ -23,7 +23,7 @@ pub fn simulate(py: Python<'_>, scene: String, out: PathBuf) -> PyResult<(usize,
 /// What really happens in `scene`, as JSON; no frame is made.
 #[pyfunction]
 pub fn truth(py: Python<'_>, scene: String) -> PyResult<String> {
-    let scene = wait_for(py, move || sim::Scene::parse(&scene))??;
+    let scene = wait_for(py, None, move || sim::Scene::parse(&scene))??;
     serde_json::to_string(scene.truth()).map_err(|error| PyOSError::new_err(error.to_string()))
 }
 

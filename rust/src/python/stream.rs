@@ -1,14 +1,14 @@
 //! `physinc.stream` from below: an iterator of events over a source on its own thread, or over a Python iterable.
 
 use super::array::{array1, array2};
-use super::config::{self, CameraSource};
+use super::config;
 use super::error::StreamTimeoutError;
 use super::event::{self, Counters};
 use super::frame::Frame;
 use super::iterable::Iterable;
 use super::law::{Raised, StreamLaw};
 use super::video::VideoFrame;
-use super::waiting::{SLICE, wait_for};
+use super::waiting::{SLICE, check_patience, wait_for};
 use crate::event::Event;
 use crate::geometry::environment::Environment;
 use crate::math::rows;
@@ -92,13 +92,21 @@ impl Stream {
             if let Some(event) = self.now().events.pop_front() {
                 return event::to_python(py, event).map(Some);
             }
-            match self.step(py) {
+            let outcome = match &self.feed {
+                Feed::Reader(reader) => self.wait(py, reader),
+                Feed::Iterable(iterable) => match iterable.try_lock() {
+                    Ok(mut iterable) => iterable.step(py, self.interrupted.load(Ordering::Relaxed)),
+                    // Whoever iterates goes on.
+                    Err(_) => return Err(PyValueError::new_err("the stream is already being iterated")),
+                },
+            };
+            match outcome {
                 Ok(Some(Step { events, predictors, environment, counters, busy, arrival_ns })) => {
                     *self.now() = Now { events: events.into(), predictors, environment, counters, busy, arrival_ns };
                 }
                 Ok(None) => {
                     let closed = self.close(py);
-                    return self.raised.as_ref().and_then(Raised::take).map_or(closed.map(|()| None), Err);
+                    return self.raised().map_or(closed.map(|()| None), Err);
                 }
                 Err(error) => {
                     // Silence and Ctrl-C leave the stream as it is, what else went wrong ends it.
@@ -111,7 +119,7 @@ impl Stream {
                 }
             }
         }
-        Ok(None)
+        self.raised().map_or(Ok(None), Err)
     }
 
     fn __enter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
@@ -205,18 +213,13 @@ impl Stream {
 impl Stream {
     fn new(
         feed: Feed,
-        timeout: Option<f64>,
+        timeout: Option<Duration>,
         latest: Option<Arc<Latest>>,
         video: Option<Arc<LatestVideo>>,
         tape: Option<Tape>,
         raised: Option<Raised>,
-    ) -> PyResult<Self> {
-        let timeout = match timeout {
-            None => None,
-            Some(seconds) if seconds > 0.0 => Duration::try_from_secs_f64(seconds).ok(),
-            Some(seconds) => return Err(PyValueError::new_err(format!("timeout = {seconds}: expected seconds above 0, or None"))),
-        };
-        Ok(Self {
+    ) -> Self {
+        Self {
             feed,
             timeout,
             closed: AtomicBool::new(false),
@@ -226,7 +229,7 @@ impl Stream {
             filmed: video.map(Shown::new),
             tape,
             raised,
-        })
+        }
     }
 
     /// Lets go of the source.
@@ -240,14 +243,9 @@ impl Stream {
         self.now.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn step(&self, py: Python<'_>) -> PyResult<Option<Step>> {
-        match &self.feed {
-            Feed::Reader(reader) => self.wait(py, reader),
-            Feed::Iterable(iterable) => match iterable.try_lock() {
-                Ok(mut iterable) => iterable.step(py, self.interrupted.load(Ordering::Relaxed)),
-                Err(_) => Err(PyValueError::new_err("the stream is already being iterated")),
-            },
-        }
+    /// What the user's own law raised, once.
+    fn raised(&self) -> Option<PyErr> {
+        self.raised.as_ref().and_then(Raised::take)
     }
 
     fn wait(&self, py: Python<'_>, reader: &Reader) -> PyResult<Option<Step>> {
@@ -261,12 +259,7 @@ impl Stream {
                 Next::Silence => {}
             }
             py.check_signals()?;
-            if self.timeout.is_some_and(|timeout| start.elapsed() >= timeout) {
-                let seconds = start.elapsed().as_secs_f64();
-                return Err(StreamTimeoutError::new_err(format!(
-                    "no input for {seconds:.1} s; timeout=... waits longer, timeout=None as long as it takes"
-                )));
-            }
+            check_patience(start, self.timeout)?;
         }
     }
 }
@@ -342,19 +335,18 @@ pub fn open_source(
     timeout: Option<f64>,
     law: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Stream> {
-    let mut config = config::config(config)?;
-    let file = match config::camera(camera)? {
-        CameraSource::File(file) => Some(file),
-        CameraSource::Keys(keys) => {
-            config.camera = keys.or(&config.camera);
-            None
-        }
-        CameraSource::Nowhere => None,
+    let timeout = match timeout {
+        None => None,
+        Some(seconds) if seconds > 0.0 => Duration::try_from_secs_f64(seconds).ok(),
+        Some(seconds) => return Err(PyValueError::new_err(format!("timeout = {seconds}: expected seconds above 0, or None"))),
     };
+    let mut config = config::config(config)?;
+    let camera = config::camera(camera)?;
     config.camera.gravity_in_camera = gravity.or(config.camera.gravity_in_camera);
     let (law, raised) = law.map(|law| StreamLaw::new(law, &config)).transpose()?.unzip();
     let (named, theirs) = (String::from(source), config.clone());
-    let mut source = wait_for(py, move || crate::source::open(&named, &theirs, file.as_deref()))??;
+    let patience = timeout.filter(|_| crate::source::may_be_silent(&named));
+    let mut source = wait_for(py, patience, move || crate::source::open(&named, &theirs, camera.read()?.as_ref()))??;
     if let Some(seconds) = reconnect {
         source.wait_for_return(Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX));
     }
@@ -372,7 +364,7 @@ pub fn open_source(
         run.obey(Box::new(law));
     }
     let video = source.video();
-    Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout, latest, video, tape, raised)
+    Ok(Stream::new(Feed::Reader(Reader::spawn(source, run)), timeout, latest, video, tape, raised))
 }
 
 /// Takes frames or positions from a Python iterable.
@@ -388,15 +380,13 @@ pub fn open_iterable(
     law: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Stream> {
     let mut config = config::config(config)?;
-    config.camera = match config::camera(camera)? {
-        CameraSource::File(file) => config.camera.or(&crate::config_file::read_camera(&file)?),
-        CameraSource::Keys(keys) => keys.or(&config.camera),
-        CameraSource::Nowhere => config.camera,
-    };
+    if let Some(camera) = config::camera(camera)?.read()? {
+        config.camera = config.camera.or(&camera);
+    }
     config.validate()?;
     let (law, raised) = law.map(|law| StreamLaw::new(law, &config)).transpose()?.unzip();
     let options = Options { positions, provisional, ..Options::default() };
     let latest = images.then(Arc::<Latest>::default);
     let feed = Feed::Iterable(Mutex::new(Iterable::new(items, config, options, latest.clone(), law)?));
-    Stream::new(feed, None, latest, None, None, raised)
+    Ok(Stream::new(feed, None, latest, None, None, raised))
 }

@@ -1,25 +1,30 @@
 //! Positions by any tracker, as CSV.
 
 use super::decimal::nanoseconds;
+use super::order::Order;
 use super::{Input, MOST_POSITIONS, Source, SourceError, measurement};
 use crate::geometry::camera::Camera;
 use crate::math::{Mat3, Vec3};
 use crate::track::Measurement;
 use ::csv::{Reader, ReaderBuilder, StringRecord, Trim};
 use std::format;
+use std::fs::File;
 use std::io::{self, Read};
 use std::string::{String, ToString};
-use std::vec::Vec;
+use std::vec::{self, Vec};
 
 /// Reads `t,x,y,z` (s, m, world frame), in any order, with optional `track` and `xx,xy,xz,yy,yz,zz` (m²). Other columns are ignored. Rows of
-/// equal `t` are one instant; an empty or NaN coordinate says that the object wasn't seen then. A pipe is read line by line: an instant is
-/// handed out as soon as the line after it arrives.
+/// equal `t` are one instant; an empty or NaN coordinate says that the object wasn't seen then. Of a pipe, which is read line by line, an
+/// instant is handed out as soon as the line after it arrives.
 pub struct Csv<R> {
     name: String,
     reader: Reader<Lines<R>>,
     radius: f64,
     columns: Option<Columns>,
     record: StringRecord,
+    /// All rows that are still to come, where those of the file had to be sorted.
+    sorted: Option<vec::IntoIter<Row>>,
+    order: Order,
     /// The first row of the next instant, already read.
     ahead: Option<Row>,
     positions: Vec<Measurement>,
@@ -35,6 +40,7 @@ struct Columns {
 }
 
 struct Row {
+    line: u64,
     timestamp_ns: i64,
     measurement: Option<Measurement>,
 }
@@ -43,7 +49,17 @@ impl<R: Read> Csv<R> {
     /// Positions of balls of `radius` (m) in `input`. The header is read with the first input: opening a silent pipe doesn't wait.
     pub fn new(name: &str, input: R, radius: f64) -> Self {
         let reader = ReaderBuilder::new().has_headers(false).flexible(true).trim(Trim::All).from_reader(Lines { input, length: 0 });
-        Self { name: name.into(), reader, radius, columns: None, record: StringRecord::new(), ahead: None, positions: Vec::new() }
+        Self {
+            name: name.into(),
+            reader,
+            radius,
+            columns: None,
+            record: StringRecord::new(),
+            sorted: None,
+            order: Order::default(),
+            ahead: None,
+            positions: Vec::new(),
+        }
     }
 
     /// Reads the next line into `record`; `false` at the end.
@@ -62,12 +78,56 @@ impl<R: Read> Csv<R> {
             return Ok(None);
         }
         let Some(columns) = &self.columns else { return Ok(None) };
-        columns.row(&self.record, self.radius).map(Some).map_err(|what| self.malformed_line(&what))
+        let line = self.record.position().map_or(0, ::csv::Position::line);
+        columns.row(line, &self.record, self.radius).map(Some).map_err(|what| self.malformed(line, &what))
     }
 
-    fn malformed_line(&self, what: &str) -> SourceError {
-        let line = self.record.position().map_or(0, ::csv::Position::line);
+    /// The next row in the order in which they are handed out.
+    fn following(&mut self) -> Result<Option<Row>, SourceError> {
+        match &mut self.sorted {
+            Some(sorted) => Ok(sorted.next()),
+            None => self.next_row(),
+        }
+    }
+
+    /// Whether its rows, as far as they can be read, are in the order of time.
+    fn rises(mut self) -> bool {
+        let mut newest = i64::MIN;
+        while let Ok(Some(row)) = self.next_row() {
+            if row.timestamp_ns < newest {
+                return false;
+            }
+            newest = row.timestamp_ns;
+        }
+        true
+    }
+
+    fn malformed(&self, line: u64, what: &str) -> SourceError {
         SourceError::malformed(&self.name, format!("line {line}: {what}"))
+    }
+}
+
+impl Csv<File> {
+    /// Positions of balls of `radius` (m) in the file `name`, in the order of time, whatever that of its rows is: one that is not sorted, as
+    /// where one track follows the other, is kept in memory.
+    ///
+    /// # Errors
+    /// It can't be opened; or it is not sorted, and a row is not as it should be.
+    pub fn open(name: &str, radius: f64) -> Result<Self, SourceError> {
+        let open = || File::open(name).map_err(|error| SourceError::unreadable(name, error));
+        let file = open()?;
+        let is_pipe = !file.metadata().is_ok_and(|kind| kind.is_file());
+        let mut csv = Self::new(name, file, radius);
+        if is_pipe || Self::new(name, open()?, radius).rises() {
+            return Ok(csv);
+        }
+        let mut rows = Vec::new();
+        while let Some(row) = csv.next_row()? {
+            rows.push(row);
+        }
+        rows.sort_by_key(|row| row.timestamp_ns);
+        csv.sorted = Some(rows.into_iter());
+        Ok(csv)
     }
 }
 
@@ -80,19 +140,23 @@ impl<R: Read + Send> Source for Csv<R> {
         None
     }
 
+    fn remarks(&self) -> Vec<String> {
+        self.order.remark().into_iter().collect()
+    }
+
     fn next_input(&mut self) -> Result<Option<Input<'_>>, SourceError> {
-        let Some(first) = self.ahead.take().map_or_else(|| self.next_row(), |row| Ok(Some(row)))? else { return Ok(None) };
+        let Some(first) = self.ahead.take().map_or_else(|| self.following(), |row| Ok(Some(row)))? else { return Ok(None) };
         let timestamp_ns = first.timestamp_ns;
+        self.order.see(timestamp_ns, first.line);
         self.positions.clear();
         self.positions.extend(first.measurement);
         loop {
-            match self.next_row()? {
+            match self.following()? {
                 Some(row) if row.timestamp_ns == timestamp_ns => {
                     self.positions.extend(row.measurement);
                     if self.positions.len() > MOST_POSITIONS {
-                        return Err(
-                            self.malformed_line(&format!("more than {MOST_POSITIONS} positions at one time: does `t` stand still?"))
-                        );
+                        let what = format!("more than {MOST_POSITIONS} positions at one time: does `t` stand still?");
+                        return Err(self.malformed(row.line, &what));
                     }
                 }
                 ahead => {
@@ -143,13 +207,13 @@ impl Columns {
         })
     }
 
-    fn row(&self, record: &StringRecord, radius: f64) -> Result<Row, String> {
+    fn row(&self, line: u64, record: &StringRecord, radius: f64) -> Result<Row, String> {
         if record.len() > self.count {
             return Err(format!("{} fields, the header has {}", record.len(), self.count));
         }
         let t = field(record, self.t)?;
         let timestamp_ns = nanoseconds(t).ok_or_else(|| format!("t = {t:?} is no decimal number of seconds"))?;
-        let [Some(x), Some(y), Some(z)] = numbers(record, self.center)? else { return Ok(Row { timestamp_ns, measurement: None }) };
+        let [Some(x), Some(y), Some(z)] = numbers(record, self.center)? else { return Ok(Row { line, timestamp_ns, measurement: None }) };
         let label = match self.track.map(|column| field(record, column)).transpose()? {
             None | Some("") => None,
             Some(text) => Some(text.parse().map_err(|_| format!("track = {text:?} is no integer from 0 on"))?),
@@ -159,7 +223,7 @@ impl Columns {
             _ => None,
         };
         let measurement = measurement(timestamp_ns, Vec3::new(x, y, z), covariance, label, radius)?;
-        Ok(Row { timestamp_ns, measurement: Some(measurement) })
+        Ok(Row { line, timestamp_ns, measurement: Some(measurement) })
     }
 }
 

@@ -57,6 +57,10 @@ impl Source for Fakenect {
         Some(self.camera)
     }
 
+    fn remarks(&self) -> Vec<String> {
+        self.index.remarks()
+    }
+
     fn next_input(&mut self) -> Result<Option<Input<'_>>, SourceError> {
         loop {
             let Some(line) = self.index.next_line()? else { return Ok(None) };
@@ -73,6 +77,7 @@ impl Source for Fakenect {
             for (sample, bytes) in self.samples.iter_mut().zip(self.bytes.chunks_exact(2)) {
                 *sample = u16::from_le_bytes([bytes[0], bytes[1]]);
             }
+            self.index.see(timestamp_ns);
             return Ok(Some(Input::Frame { timestamp_ns, image: Image::U16(&self.samples) }));
         }
     }

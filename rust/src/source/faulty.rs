@@ -66,7 +66,10 @@ impl Faulty {
     /// A source that delivers no packets.
     pub fn new(name: &str, source: Box<dyn Source>, faults: Faults) -> Result<Self, SourceError> {
         if source.kinect().is_none() {
-            return Err(SourceError::unknown(name, "faults happen to packets, and it delivers none"));
+            return Err(SourceError::unknown(
+                name,
+                "faults happen to packets, and it delivers none: captures do, the demo, and sim:SCENE?packets=1",
+            ));
         }
         Ok(Self {
             name: name.into(),

@@ -1,6 +1,7 @@
 //! A folder of images and the index that names them.
 
 use super::SourceError;
+use super::order::Order;
 use crate::geometry::camera::Camera;
 use std::format;
 use std::fs::File;
@@ -20,6 +21,7 @@ pub(super) struct Index {
     lines: BufReader<File>,
     number: u64,
     found: bool,
+    order: Order,
 }
 
 impl Index {
@@ -27,7 +29,7 @@ impl Index {
     pub(super) fn open(folder: &Path, file: &'static str) -> Result<Self, SourceError> {
         let name = folder.display().to_string();
         let lines = File::open(folder.join(file)).map_err(|error| SourceError::unreadable(&name, error))?;
-        Ok(Self { name, folder: folder.into(), file, lines: BufReader::new(lines), number: 0, found: false })
+        Ok(Self { name, folder: folder.into(), file, lines: BufReader::new(lines), number: 0, found: false, order: Order::default() })
     }
 
     /// The folder, as the user named it.
@@ -45,9 +47,22 @@ impl Index {
             return Err(self.malformed("a line of more than 8 KiB; names of images are expected"));
         }
         match String::from_utf8(line) {
-            Ok(line) => Ok((length > 0).then(|| line.trim().into())),
+            Ok(line) => {
+                let line = if self.number == 1 { line.trim_start_matches('\u{feff}') } else { &line };
+                Ok((length > 0).then(|| line.trim().into()))
+            }
             Err(_) => Err(self.malformed("not text; names of images are expected")),
         }
+    }
+
+    /// The line that was read last is of an image that was taken at `timestamp_ns`.
+    pub(super) fn see(&mut self, timestamp_ns: i64) {
+        self.order.see(timestamp_ns, self.number);
+    }
+
+    /// What the user should know of it so far, a line each.
+    pub(super) fn remarks(&self) -> Vec<String> {
+        self.order.remark().map(|what| format!("{}: {what}", self.file)).into_iter().collect()
     }
 
     /// What is wrong with the line that was read last.

@@ -15,6 +15,7 @@ mod folder;
 mod npz;
 mod npz_layout;
 mod npz_record;
+mod order;
 mod record;
 mod recorder;
 mod sidecar;
@@ -41,7 +42,7 @@ pub use simulated::Simulated;
 pub use tum::Tum;
 pub use video::{LatestVideo, VideoImage};
 
-use crate::config::Config;
+use crate::config::{CameraConfig, Config};
 use crate::config_file::ConfigFileError;
 use crate::event::{DisconnectReason, ReconnectReason};
 use crate::geometry::camera::Camera;
@@ -139,11 +140,12 @@ pub trait Source: Send {
 /// What can be opened, for messages.
 const KINDS: &str = "kinect, kinect:SERIAL, *.npz (depth frames), *.pcap or *.pcapng (usbmon captures of a Kinect, also .gz, .zst), a folder with INDEX.txt (fakenect) or depth.txt (TUM), *.csv or - (positions), sim:SCENE, demo";
 
-/// Opens what the user named. `camera` is a camera file that wins over those beside a recording; `[camera]` in `config` wins over both.
+/// Opens what the user named. `camera` is what a camera file says that wins over those beside a recording, and over what a simulation tells;
+/// `[camera]` in `config` wins over all, key by key.
 ///
 /// # Errors
 /// It isn't there, isn't what it claims to be, or this version has no such source.
-pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<dyn Source>, SourceError> {
+pub fn open(source: &str, config: &Config, camera: Option<&CameraConfig>) -> Result<Box<dyn Source>, SourceError> {
     let radius = config.object.radius.as_slice().first().copied().unwrap_or(f64::NAN);
     if source == "-" {
         return Ok(Box::new(Csv::new("-", std::io::stdin(), radius)));
@@ -160,7 +162,7 @@ pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<
     }
     #[cfg(feature = "sim")]
     if source.starts_with("sim:") {
-        return Ok(Box::new(Simulated::new(source)?));
+        return Ok(Box::new(Simulated::new(source, &config.camera, camera)?));
     }
     let path = Path::new(source);
     let unknown = |why: &str| SourceError::unknown(source, std::format!("{why}; sources are {KINDS}"));
@@ -176,10 +178,7 @@ pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<
     match extension.as_deref() {
         _ if capture::is_named_so(path) => Ok(Box::new(Capture::open(path, &sidecar::in_force(path, config, camera)?)?)),
         Some("npz") => Ok(Box::new(Npz::open(path, &sidecar::in_force(path, config, camera)?)?)),
-        Some("csv") => {
-            let file = std::fs::File::open(path).map_err(|error| SourceError::unreadable(source, error))?;
-            Ok(Box::new(Csv::new(source, file, radius)))
-        }
+        Some("csv") => Ok(Box::new(Csv::open(source, radius)?)),
         _ if source.is_empty() => Err(unknown("a source without a name")),
         _ => match std::fs::metadata(path) {
             Err(error) => Err(SourceError::unreadable(source, error)),
@@ -188,35 +187,40 @@ pub fn open(source: &str, config: &Config, camera: Option<&Path>) -> Result<Box<
     }
 }
 
+/// Whether it is a pipe, or the like: opening it waits for whoever writes to it.
+pub fn may_be_silent(source: &str) -> bool {
+    std::fs::metadata(file_of(source)).is_ok_and(|kind| !kind.is_file() && !kind.is_dir())
+}
+
+/// The file that it names, if it names one.
+fn file_of(source: &str) -> &Path {
+    Path::new(with_faults(source).map_or(source, |(packets, _)| packets))
+}
+
 /// Whether it names a live Kinect.
 fn is_kinect(source: &str) -> bool {
     source.strip_prefix("kinect").is_some_and(|rest| rest.is_empty() || rest.starts_with([':', '?']))
 }
 
-/// The source and the faults that `CAPTURE?key=value&…` names, unless that is a file's own name, and `sim:SCENE?packets=true&…?key=value&…`.
+/// The source and the faults that `FILE?key=value&…` names, unless that is a file's own name, and `sim:SCENE?packets=true&…?key=value&…`.
 fn with_faults(source: &str) -> Option<(&str, &str)> {
     let (packets, faults) = source.rsplit_once('?')?;
     let is_simulated = packets.starts_with("sim:") && packets.contains('?');
-    (is_simulated || capture::is_named_so(Path::new(packets)) && !Path::new(source).exists()).then_some((packets, faults))
+    let path = Path::new(packets);
+    let is_file = || (capture::is_named_so(path) || path.exists()) && !Path::new(source).exists();
+    (is_simulated || is_file()).then_some((packets, faults))
 }
 
-/// The keys of `[camera]` in force for `source`: `config`'s, then those of its camera file.
+/// The keys of `[camera]` in force for `source`: `config`'s, then those of `camera`, or of the file beside `source`, if that is a file itself.
 ///
 /// # Errors
 /// A camera file that can't be read, or says what can't be.
-pub fn camera_in_force(
-    source: Option<&str>,
-    config: &Config,
-    camera: Option<&Path>,
-) -> Result<crate::config::CameraConfig, ConfigFileError> {
-    match (source.filter(|source| !is_kinect(source)), camera) {
-        (Some(source), _) => {
-            let source = with_faults(source).map_or(source, |(capture, _)| capture);
-            sidecar::in_force(Path::new(source), config, camera)
-        }
-        (None, Some(camera)) => Ok(config.camera.or(&crate::config_file::read_camera(camera)?)),
-        (None, None) => Ok(config.camera.clone()),
+pub fn camera_in_force(source: Option<&str>, config: &Config, camera: Option<&CameraConfig>) -> Result<CameraConfig, ConfigFileError> {
+    let file = source.filter(|source| !is_kinect(source)).map(file_of).filter(|file| file.exists());
+    if let Some(file) = file {
+        return sidecar::in_force(file, config, camera);
     }
+    Ok(camera.map_or_else(|| config.camera.clone(), |camera| config.camera.or(camera)))
 }
 
 /// Positions farther out than this are taken for a mistake in units, m.

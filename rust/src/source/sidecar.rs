@@ -7,10 +7,10 @@ use std::path::{Path, PathBuf};
 
 /// The keys in force for the recording at `path`: `[camera]` in `config` wins, key by key, over `camera`, which replaces the file found
 /// beside the recording.
-pub(super) fn in_force(path: &Path, config: &Config, camera: Option<&Path>) -> Result<CameraConfig, ConfigFileError> {
-    let file = camera.map(PathBuf::from).or_else(|| beside(path));
-    let keys = file.map_or_else(|| Ok(CameraConfig::default()), |file| read_camera(&file))?;
-    Ok(config.camera.or(&keys))
+pub(super) fn in_force(path: &Path, config: &Config, camera: Option<&CameraConfig>) -> Result<CameraConfig, ConfigFileError> {
+    let found = if camera.is_none() { beside(path) } else { None };
+    let found = found.map(|file| read_camera(&file)).transpose()?;
+    Ok(camera.or(found.as_ref()).map_or_else(|| config.camera.clone(), |keys| config.camera.or(keys)))
 }
 
 /// `camera.toml` in a folder; of a file `NAME.camera.toml`, else `camera.toml` beside it.

@@ -1,6 +1,8 @@
 //! A simulated scene, seen as it is rendered: frames, or packets.
 
+use super::folder::check_size;
 use super::{Input, Kinect, Source, SourceError};
+use crate::config::CameraConfig;
 use crate::geometry::camera::Camera;
 use crate::kinect::disparity::Packing;
 use crate::seeing::Image;
@@ -22,18 +24,22 @@ enum Shown {
 }
 
 impl Simulated {
-    /// The scene that `name` (`sim:SCENE?key=value&…`) tells of.
+    /// The scene that `name` (`sim:SCENE?key=value&…`) tells of. Of its camera is told what `keys` say, then what `instead` says, or else the
+    /// scene; the images are the scene's.
     ///
     /// # Errors
-    /// An unknown scene or key, or a value that can't be.
-    pub fn new(name: &str) -> Result<Self, SourceError> {
+    /// An unknown scene or key, a value that can't be, or a camera that can't have taken its images.
+    pub fn new(name: &str, keys: &CameraConfig, instead: Option<&CameraConfig>) -> Result<Self, SourceError> {
         let scene = Scene::parse(name.trim_start_matches("sim:")).map_err(|error| SourceError::unknown(name, error.to_string()))?;
         let shown = if scene.truth().parameters.packets {
             Shown::Packets(Box::new(Packets::new(&scene)))
         } else {
             Shown::Frames(Box::new(scene.frames()))
         };
-        Ok(Self { name: name.into(), camera: scene.camera(), shown })
+        let own = scene.camera();
+        let camera = Camera::from_config(&keys.or(instead.unwrap_or(&own.to_config())), own.code)?;
+        check_size(&camera, [own.width as u64, own.height as u64]).map_err(|what| SourceError::malformed(name, what))?;
+        Ok(Self { name: name.into(), camera, shown })
     }
 }
 

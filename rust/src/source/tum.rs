@@ -12,6 +12,7 @@ use std::format;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::string::String;
 use std::vec::Vec;
 
 /// The file that names the others.
@@ -47,6 +48,10 @@ impl Source for Tum {
         Some(self.camera)
     }
 
+    fn remarks(&self) -> Vec<String> {
+        self.index.remarks()
+    }
+
     fn next_input(&mut self) -> Result<Option<Input<'_>>, SourceError> {
         loop {
             let Some(line) = self.index.next_line()? else { return Ok(None) };
@@ -61,6 +66,7 @@ impl Source for Tum {
             for (sample, bytes) in self.samples.iter_mut().zip(self.bytes.chunks_exact(2)) {
                 *sample = u16::from_be_bytes([bytes[0], bytes[1]]);
             }
+            self.index.see(timestamp_ns);
             return Ok(Some(Input::Frame { timestamp_ns, image: Image::U16(&self.samples) }));
         }
     }
