@@ -4,7 +4,7 @@
 #[cfg(feature = "sim")]
 mod judge;
 
-use physinc::config::{CameraAssumption, Config, Method};
+use physinc::config::{CameraAssumption, Config, LawName, Method};
 use physinc::engine::Engine;
 use physinc::event::{Counters, Event, GapReason, Kind};
 use physinc::math::{Mat3, Vec3};
@@ -260,4 +260,19 @@ fn a_hop_of_which_one_frame_tells_makes_no_contact_below_the_floor() {
         let right = |contact: &physinc::event::Contact| contact.center[2] > 0.033 - 4e-3 && contact.surface == Some(0);
         assert!(told.len() > 3 && told.iter().all(|contact| right(contact)), "{restitution}, {phase}: {told:?}");
     }
+}
+
+#[test]
+fn at_constant_velocity_what_falls_is_inconsistent_and_what_goes_straight_on_is_not() {
+    let mut config = Config::default();
+    config.laws.law = LawName::ConstantVelocity;
+    let odd = |path: fn(f64) -> [f64; 3]| {
+        let inputs: Vec<_> =
+            (0..60).map(|i| (i * 10_000_000, vec![measurement(i * 10_000_000, path(i as f64 / 100.0), None, Some(1e-7))])).collect();
+        let events = stream(&config, &inputs).0;
+        events.iter().find_map(|e| if let Kind::Inconsistency(odd) = &e.kind { Some(odd.clone()) } else { None })
+    };
+    assert_eq!(odd(|t| [3.0 * t, 1.5, 1.0 + 0.5 * t]), None);
+    let fell = odd(|t| [3.0 * t, 1.5, 2.0 - 4.905 * t * t]).unwrap();
+    assert!(fell.predicted[2] > fell.measured[2] && (fell.predicted[0] - fell.measured[0]).abs() < 1e-3, "{fell:?}");
 }

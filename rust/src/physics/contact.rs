@@ -62,6 +62,14 @@ impl Contact {
         self.covariance.fixed_view::<3, 3>(0, 0).into()
     }
 
+    /// χ² of the impulse against none, of three degrees of freedom.
+    pub fn significance(&self) -> f64 {
+        let block = |i: usize, j: usize| -> Mat3 { self.covariance.fixed_view::<3, 3>(3 * i, 3 * j).into() };
+        let spread = block(1, 1) + block(2, 2) - block(1, 2) - block(2, 1);
+        let impulse = self.after - self.before;
+        spread.try_inverse().map_or(0.0, |weight| impulse.dot(&(weight * impulse)))
+    }
+
     /// Direction of the impulse, which is the surface's normal where there is no friction; `None` where there was no impulse.
     pub fn impulse_direction(&self) -> Option<Vec3> {
         (self.after - self.before).try_normalize(1e-9)

@@ -1,6 +1,6 @@
 //! The laws 𝓛 of the paper: how an object that nobody touches moves.
 
-use crate::config::{LawsConfig, ObjectConfig};
+use crate::config::{LawName, LawsConfig, ObjectConfig};
 use crate::math::{Vec3, ceil};
 
 /// A law of motion.
@@ -46,11 +46,11 @@ pub struct FreeFallWithDrag {
 }
 
 impl FreeFallWithDrag {
-    /// Of a ball of `radius` (m); no drag where the laws say so.
+    /// Of a ball of `radius` (m); no drag where the laws say so, or that it moves at constant velocity.
     pub fn of(object: &ObjectConfig, laws: &LawsConfig, radius: f64) -> Self {
         let area = core::f64::consts::PI * radius * radius;
         let drag = 0.5 * laws.air_density * object.drag_coefficient * area / object.mass;
-        Self { drag: if laws.drag { drag } else { 0.0 } }
+        Self { drag: if laws.drag && laws.law != LawName::ConstantVelocity { drag } else { 0.0 } }
     }
 }
 

@@ -5,7 +5,7 @@ mod telling;
 
 pub use predictor::Predictor;
 
-use crate::config::{CameraAssumption, Config, ObjectsAssumption, SceneAssumption};
+use crate::config::{CameraAssumption, Config, LawName, ObjectsAssumption, SceneAssumption};
 use crate::event::{self, Event, TrackReason};
 use crate::geometry::camera::{Camera, Pose};
 use crate::geometry::environment::{Environment, Relief};
@@ -48,6 +48,8 @@ pub struct Reasoning {
     pose: Pose,
     /// Known gravity, or what flights have shown of it so far.
     gravity: Gravity,
+    /// No gravity, in its place where the law is that a plane balances it.
+    balanced: Option<Gravity>,
     /// What flights alone have shown, its size kept, and how many.
     measured: (Gravity, u32),
     /// The accelerometer's, in the world.
@@ -84,6 +86,7 @@ impl Reasoning {
             camera: camera.copied(),
             pose,
             gravity: if tilted { Gravity::of_known_size(vector) } else { Gravity::known(vector) },
+            balanced: (config.laws.law == LawName::ConstantVelocity).then(|| Gravity::known(Vec3::zeros())),
             measured: (Gravity { mean: vector, information: Mat3::from_diagonal_element(1e-4), size: None }, 0),
             level: camera.and_then(|c| c.gravity).and_then(|gravity| Level::new(&(pose.rotation * gravity))),
             motion: assumed.moves().then(CameraMotion::default),
@@ -198,7 +201,7 @@ impl Reasoning {
         self.tracks.iter().map(|track| {
             let law = self.motion_of(track);
             let outlook = track.outlook(&self.around(&law));
-            Predictor::new(track, outlook, law.ahead(), self.gravity.mean, &self.config.object, self.surfaces.restitutions())
+            Predictor::new(track, outlook, law.ahead(), self.pull().mean, &self.config.object, self.surfaces.restitutions())
         })
     }
 
@@ -234,18 +237,18 @@ impl Reasoning {
         FreeFallWithDrag::of(&self.config.object, &self.config.laws, radius)
     }
 
+    /// What pulls at objects that nobody touches.
+    fn pull(&self) -> &Gravity {
+        self.balanced.as_ref().unwrap_or(&self.gravity)
+    }
+
     fn motion_of(&self, track: &Track) -> Motion {
         track.own.clone().map_or_else(|| Motion::Fall(self.law(track.radius)), Motion::Own)
     }
 
     fn around<'a>(&'a self, law: &'a dyn Law) -> Surroundings<'a> {
-        Surroundings {
-            law,
-            gravity: &self.gravity,
-            duration: self.config.object.contact_duration,
-            normal_at: &|_| None,
-            beyond: &|_| false,
-        }
+        let duration = self.config.object.contact_duration;
+        Surroundings { law, gravity: self.pull(), duration, normal_at: &|_| None, beyond: &|_| false }
     }
 
     fn up(&self) -> Up {
@@ -276,11 +279,20 @@ impl Reasoning {
         }
         self.last_track += 1;
         let id = self.last_track;
-        let mut track = Track::new(id, m, Watch::new(&self.config.laws, self.motion.is_some()));
+        let lies = self.config.laws.law == LawName::Auto || self.may_lie(m);
+        let mut track = Track::new(id, m, Watch::new(&self.config.laws, self.motion.is_some(), lies));
         track.activity = (self.config.assume.objects == ObjectsAssumption::Unknown).then(|| Activity::new(&self.config.laws));
         self.emit(Some(id), true, event::TrackStarted { reason: TrackReason::Appeared }, sink);
         let _ = self.tracks.push(track);
         Some(id)
+    }
+
+    /// Whether a known surface may carry what is measured there.
+    fn may_lie(&self, m: &Measurement) -> bool {
+        let (law, nearest) = (self.law(m.radius), |p: &Vec3| self.surfaces.nearest(p));
+        let around = self.around(&law);
+        let place = Circumstances::new(&self.config, &around, &nearest, &|_, _| false, m.radius, None);
+        place.support(&m.center, &self.up().direction).is_some()
     }
 
     fn extend(&mut self, id: u32, m: &Measurement, frame: u64, sink: &mut dyn FnMut(Event)) {
@@ -338,14 +350,16 @@ impl Reasoning {
         let (mut findings, mut told) = (Findings::new(), Told::new());
         let Some((radius, law)) = self.track(id).map(|t| (t.radius, self.motion_of(t))) else { return };
         {
-            let Self { tracks, noise, gravity, surfaces, config, last_activity, .. } = self;
+            let Self { tracks, noise, gravity, balanced, surfaces, config, last_activity, .. } = self;
             let duration = config.object.contact_duration;
             let normal_at = |c: &Contact| surfaces.touched(&c.center, &c.center_covariance(), radius).map(|(_, normal)| normal);
             let beyond = |c: &Contact| surfaces.is_beyond(&c.center, &c.center_covariance(), radius);
-            let around = Surroundings { law: &law, gravity, duration, normal_at: &normal_at, beyond: &beyond };
+            let gravity_felt = balanced.as_ref().unwrap_or(gravity);
+            let around = Surroundings { law: &law, gravity: gravity_felt, duration, normal_at: &normal_at, beyond: &beyond };
             if let Some(track) = tracks.iter_mut().find(|t| t.id == id) {
                 f(track, noise, &around, &mut findings);
-                let nearest = |p: &Vec3| surfaces.environment().nearest(p).map(|(distance, normal, _)| (distance, normal));
+                let around = Surroundings { gravity, ..around };
+                let nearest = |p: &Vec3| surfaces.nearest(p);
                 let open = |p: &Vec3, reach: f64| surfaces.environment().is_open(p, reach);
                 let place = Circumstances::new(config, &around, &nearest, &open, radius, track.untold.then(|| noise.parts()));
                 if let Some((activity, samples)) = track.activity() {

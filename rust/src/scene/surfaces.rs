@@ -398,6 +398,14 @@ impl Surfaces {
         let nearest = known.chain(others).filter(|(_, height, _)| *height > 0.0).min_by(|a, b| a.1.total_cmp(&b.1));
         nearest.map(|(surface, height, variance)| Above { surface, height, sd: Some(sqrt(variance)) })
     }
+
+    /// Distance (m) of `p` from the surface nearest to it, known or well found, and the unit normal towards `p` there.
+    pub fn nearest(&self, p: &Vec3) -> Option<(f64, Vec3)> {
+        let near = |f: &&Found| f.merged_into.is_none() && f.plane.normal_covariance().trace() < 0.01;
+        let found = self.found.iter().filter(near).map(|f| (f.plane.height(p).0, f.plane.normal)).filter(|(height, _)| *height > 0.0);
+        let known = self.environment.nearest(p).map(|(distance, normal, _)| (distance, normal));
+        known.into_iter().chain(found).min_by(|a, b| a.0.total_cmp(&b.0))
+    }
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 //! force of the object's own; it lasts until a passive motion explains the newest samples again.
 
 use crate::config::LawName;
-use crate::math::{Vec3, exp, sqrt};
+use crate::math::{Mat3, Vec3, exp, sqrt};
 use crate::physics::contact::Contact;
 use crate::physics::law::FreeFall;
 use crate::physics::onset::{LONGEST, Onset, Side};
@@ -10,24 +10,30 @@ use crate::physics::sequential::{Allowance, OF_EXACT, OF_LOOSE};
 use crate::physics::{Sample, between};
 use crate::track::hypothesis::{LONGEST_BRIDGE, SWING, limit};
 use crate::track::interval::{Intervals, Told};
-use crate::track::passive::{Circumstances, Explanation, MODES, Mode};
+use crate::track::passive::{Circumstances, Explanation, FRICTION, MODES, Mode};
 
 /// A doubt waits so long for what explains it, s: contacts take as long to be found.
 const PATIENCE: f64 = 0.12;
-/// An object is seen to be passive again after so long, s, and so many samples; what is still not clear after the longer time is taken as it is.
+/// An object is seen to be passive again after so long, s, and so many samples; what does not show in the longer time is taken for none.
 const CALM: (f64, f64, usize) = (0.2, 0.8, 5);
 /// An acceleration would show if it were so many times its standard deviation.
 const TELLING: f64 = 6.0;
 /// What a true explanation does not exceed but once in a hundred: a χ² of 3 degrees of freedom.
 const ACCEPTED: f64 = 11.34;
+/// χ² up to which two velocities may be one: among many pairs, some are far apart by chance.
+const SAME: f64 = 30.0;
 /// χ² beyond which one sample alone is no noise.
 const WILD: f64 = 60.0;
 /// Whatever happens faster than this, s, is an impact.
 const IMPACT: f64 = 0.1;
-/// Velocities this much apart may be one, m/s.
-const SAME_VELOCITY: f64 = 0.1;
+/// Velocities may be one if they differ by no more than noise and this, m/s an axis (standard deviation).
+const SAME_VELOCITY: f64 = 0.02;
+/// One hop takes no more than this part of the speed along the surface: then a hollow ball rolls.
+const GRIP: f64 = 0.4;
 /// What has risen by this, m, is not carried by something of which nothing is known.
 const RISEN: f64 = 0.05;
+/// Log of odds that leave no doubt.
+const CERTAIN: f64 = 300.0;
 /// How far before a window that is passive the beginning of it is looked for, s.
 const LOOK_BACK: f64 = 0.35;
 
@@ -114,7 +120,11 @@ impl Decision {
         }
         let (before, after) = (contact.before, contact.after);
         match place.may_touch(&contact.center, &before, &after) {
-            None if place.closed => self.act((after - before).norm() / IMPACT, contact.time, contact.center, ledger),
+            None if place.closed => {
+                // Nothing was there that could have pushed it.
+                self.log_odds = (0.5 * contact.significance()).min(CERTAIN);
+                self.act((after - before).norm() / IMPACT, contact.time, contact.center, ledger);
+            }
             touched => {
                 self.tied |= touched != Some(false);
                 // A real ball swings for a while.
@@ -191,7 +201,7 @@ impl Decision {
         // Where none is possible any more, gravity is overcome.
         let lifted = place.lifted(&stretch).filter(|lifted| Allowance::is_exceeded(allowance, lifted.chi2, OF_EXACT));
         let time = lifted.map_or(self.held.0, |lifted| lifted.time).min(self.held.0).max(first.t);
-        let overcome = Onset { time, acceleration: -place.around.gravity.mean, chi2: f64::INFINITY, log_odds: 300.0, sd: 0.0 };
+        let overcome = Onset { time, acceleration: -place.around.gravity.mean, chi2: f64::INFINITY, log_odds: CERTAIN, sd: 0.0 };
         self.phase = Phase::Doubtful(exceeded.unwrap_or(overcome), last.t, allowance);
     }
 
@@ -219,20 +229,21 @@ impl Decision {
         let now = best(place, &stretch).map_or(f64::INFINITY, |e| e.onset.acceleration.norm());
         let strength = onset.acceleration.norm().min(now);
         let before = best(place, between(&stretch, f64::NEG_INFINITY, onset.time + 1e-9));
+        let waited = last.t - alarm;
         let mut may_clear_up = false;
         for (k, start) in stretch.iter().enumerate().filter(|(_, s)| s.t >= onset.time && s.t <= alarm.max(onset.time + IMPACT)) {
             let fresh = stretch.get(k..).filter(|fresh| fresh.len() >= 4).unwrap_or_default();
             let previous = k.checked_sub(1).and_then(|k| stretch.get(k)).map_or(start.t, |s| s.t);
             for after in MODES.into_iter().filter_map(|mode| place.explain(mode, fresh, Side::After)).filter(is_accepted) {
                 let Some(hidden) = changes(place, before.as_ref(), &after, previous.min(onset.time), start.t) else { continue };
-                if after.onset.sd < strength / TELLING {
+                // So weak a force as does not show in the longer time is none.
+                if after.onset.sd < strength / TELLING || waited > CALM.1 {
                     self.tied |= hidden || after.hidden;
                     return self.begin(start.t);
                 }
                 may_clear_up = true;
             }
         }
-        let waited = last.t - alarm;
         if !is_last && (waited < PATIENCE || (may_clear_up && waited < CALM.1)) {
             return;
         }
@@ -247,8 +258,12 @@ impl Decision {
             self.log_odds = before.onset.log_odds;
             ledger.intervals.assess(self.probability(false));
         }
-        // With all samples since, it is known better.
-        let again = best(place, &stretch).filter(|e| onset.chi2.is_finite() && e.is_exceeded(allowance));
+        // With all samples since, it is known better how the motion before ended.
+        let whole = match &before {
+            Some(before) => place.explain(before.mode, &stretch, Side::After),
+            None => best(place, &stretch),
+        };
+        let again = whole.filter(|e| onset.chi2.is_finite() && e.is_exceeded(allowance));
         let onset = again.map_or(onset, |e| e.onset);
         let strength = onset.acceleration.norm();
         self.log_odds = onset.log_odds;
@@ -290,6 +305,11 @@ impl Decision {
         let wide = between(since, first.t - LOOK_BACK, f64::INFINITY);
         let ended = place.explain(found.mode, wide, Side::Before).filter(|_| wide.len() > calm.len() + 2);
         let boundary = ended.map_or(first.t, |e| e.onset.time.min(first.t));
+        // What was over at once was active for a frame, unless it turns out to have been a passive change.
+        let began = ledger.intervals.since();
+        let before = best(place, between(samples, self.since, began)).filter(|_| boundary <= began);
+        let pushed = before.is_some_and(|b| changes(place, Some(&b), &found, b.flight.state.t, first.t).is_none());
+        let boundary = if pushed { began + 1e-6 } else { boundary };
         self.phase = Phase::Passive;
         self.begin(first.t);
         (self.tied, self.returned, self.log_odds, self.shown) = (found.hidden, true, found.onset.log_odds, f64::INFINITY);
@@ -314,11 +334,18 @@ fn changes(place: &Circumstances, before: Option<&Explanation>, after: &Explanat
         return (!place.closed).then_some(true);
     };
     let (was, is) = (before.at(place, to), after.at(place, to));
-    let spread = |e: &Explanation| e.flight.covariance.fixed_view::<3, 3>(3, 3).trace();
-    let sd = sqrt(spread(before) + spread(after));
-    if (is - was).norm() < SAME_VELOCITY + 4.0 * sd {
+    let spread = |e: &Explanation| -> Mat3 { e.flight.covariance.fixed_view::<3, 3>(3, 3).into() };
+    let spread = spread(before) + spread(after) + Mat3::from_diagonal_element(SAME_VELOCITY * SAME_VELOCITY);
+    let weight = spread.try_inverse()?;
+    // Friction and hops take of the speed along a surface, and turn nothing.
+    let carried = [before, after].map(|e| e.mode == Mode::Carried);
+    let rubbed = FRICTION * place.around.gravity.mean.norm() * (to - from) / was.norm().max(1e-9);
+    let least = if carried == [true; 2] { (1.0 - rubbed.max(GRIP)).max(0.0) } else { 1.0 };
+    let kept = (was.dot(&(weight * is)) / was.dot(&(weight * was)).max(1e-9)).clamp(least, 1.0);
+    let off = is - was * kept;
+    if off.dot(&(weight * off)) < SAME {
         // It rolls off, comes to rest, slides no more; but what falls goes on falling.
-        return (before.mode == Mode::Carried || after.mode == Mode::Carried).then_some(after.hidden);
+        return carried.contains(&true).then_some(after.hidden);
     }
     strikes(place, before, &(is - was), from, to)
 }

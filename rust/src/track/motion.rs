@@ -73,12 +73,15 @@ pub struct Motion {
     fit: Option<Flight>,
     pending: Option<Pending>,
     rebound: Option<(f64, Vec3)>,
+    /// It is in the flight with which it began, or a surface may have carried it since.
+    lies: bool,
 }
 
 impl Motion {
-    /// Begins with a flight at time `since` (s); `false_alarm` is the whitened test's, for the whole track.
-    pub fn new(since: f64, false_alarm: f64) -> Self {
-        Self { phase: Phase::Flying, since, test: WhitenedTest::new(false_alarm), fit: None, pending: None, rebound: None }
+    /// Begins with a flight at time `since` (s), unless a surface turns out to carry it, where it may (`lies`); `false_alarm` is the whitened test's,
+    /// for the whole track.
+    pub fn new(since: f64, false_alarm: f64, lies: bool) -> Self {
+        Self { phase: Phase::Flying, since, test: WhitenedTest::new(false_alarm), fit: None, pending: None, rebound: None, lies }
     }
 
     /// The state by the law that holds now, with its uncertainty; `None` where none does.
@@ -123,6 +126,7 @@ impl Motion {
         };
         window.push(sample);
         match (self.phase, alarm) {
+            (Phase::Flying, Some(_)) if self.lies && self.rest(window) => {}
             (Phase::Flying, Some(alarm)) => {
                 let _ = findings.push(Finding::Inconsistent(alarm));
                 self.phase = Phase::Doubtful(sample.t);
@@ -159,7 +163,18 @@ impl Motion {
     }
 
     fn restart(&mut self, phase: Phase, since: f64) {
-        (self.phase, self.since, self.fit, self.rebound) = (phase, since, None, None);
+        (self.phase, self.since, self.fit, self.rebound, self.lies) = (phase, since, None, None, false);
+    }
+
+    /// Whether a surface carried it all the time: then it goes on so.
+    fn rest(&mut self, window: &Window) -> bool {
+        let fit = supported(between(window.samples(), self.since, f64::INFINITY));
+        let rests = fit.is_some();
+        if rests {
+            self.restart(Phase::Supported, self.since);
+            self.fit = fit;
+        }
+        rests
     }
 
     /// How far the ball may still swing from its last impact, m.

@@ -32,11 +32,11 @@ pub enum Watch {
 }
 
 impl Watch {
-    /// How a new track is watched: by `laws`, before a camera that stands or `moves`.
-    pub fn new(laws: &LawsConfig, moves: bool) -> Self {
+    /// How a new track is watched: by `laws`, before a camera that stands or `moves`; it may be carried where it begins (`lies`).
+    pub fn new(laws: &LawsConfig, moves: bool, lies: bool) -> Self {
         match laws.method {
             _ if moves => Self::Drift(Drift::new(0.0)),
-            Method::Best => Self::Best(Motion::new(0.0, laws.false_alarm)),
+            Method::Best => Self::Best(Motion::new(0.0, laws.false_alarm, lies)),
             Method::Paper => Self::Paper(PaperMotion::new(0.0, laws.theta)),
         }
     }

@@ -19,7 +19,7 @@ const SPIN_SD: f64 = 0.5;
 /// How far up may be off, rad (standard deviation): somebody levelled the axes.
 const LEVEL_SD: f64 = 0.5_f64.to_radians();
 /// Friction reaches μ g, with μ of rubber on a dry floor.
-const FRICTION: f64 = 1.0;
+pub const FRICTION: f64 = 1.0;
 /// Deceleration of what rolls or slides, m/s² (standard deviation).
 const DECELERATION_SD: f64 = 2.0;
 /// A ball this far above a known surface may be carried by it, in hops that frames don't resolve, m.
@@ -202,7 +202,9 @@ impl<'a> Circumstances<'a> {
     /// Whether something may have touched the object at `place` and changed its velocity so, and whether that is a surface of which nothing is known.
     pub fn may_touch(&self, place: &Vec3, before: &Vec3, after: &Vec3) -> Option<bool> {
         let impulse = after - before;
-        let in_reach = (self.nearest)(place).filter(|(distance, _)| *distance < self.reach());
+        // In a corner what pushed it is that of the surfaces which lies against the impulse.
+        let back = impulse.try_normalize(1e-9).unwrap_or_else(Vec3::zeros) * (0.5 * self.radius);
+        let in_reach = (self.nearest)(&(place - back)).filter(|(distance, normal)| distance + normal.dot(&back) < self.reach());
         // Within the cone of friction about the normal, and no faster away than into it.
         let pushed = |n: &Vec3| {
             let along = impulse.dot(n);
