@@ -115,6 +115,54 @@ fn a_path_in_mid_flight_is_found_within_two_glimpses_errors() {
     assert!(judge::rms(&errors) < 3.4 * SD, "{errors:?}");
 }
 
+/// Errors (m) and their squares by the told covariance, a degree of freedom, of a slide by 15.5 cm in mid-flight that starts and stops at once, at
+/// `rate` (Hz).
+fn slid(rate: f64, sd: f64, seeds: u64) -> (Vec<f64>, Vec<f64>) {
+    let config = moving(CameraAssumption::Moving, Method::Best);
+    let (mut errors, mut nees) = (Vec::new(), Vec::new());
+    for seed in 0..seeds {
+        let mut noise = Noise(seed);
+        let way = Vec3::new(noise.next(), noise.next(), noise.next()).normalize() * 0.155;
+        let camera = |t: f64| {
+            let s = ((t - 0.25) / 0.4).clamp(0.0, 1.0);
+            way * (s * s * (3.0 - 2.0 * s))
+        };
+        let start = State { t: 0.0, position: Vec3::new(0.1, 1.7, 0.2), velocity: Vec3::new(0.4, 0.1, 3.8) };
+        let mut engine = Engine::for_positions(&config).unwrap();
+        let mut events = Vec::new();
+        for k in 0..(0.9 * rate) as u32 {
+            let t = f64::from(k) / rate;
+            let law = FreeFallWithDrag::of(&config.object, &config.laws, 0.033);
+            let off = Vec3::new(noise.next(), noise.next(), noise.next()) * sd;
+            let covariance = Some(Mat3::from_diagonal_element(sd * sd));
+            let center = start.at(t, &law as &dyn Law, &G).position - camera(t) + off;
+            engine.positions((t * 1e9) as i64, &[Measurement { covariance, ..measured(t, center, 1) }], &mut |e| events.push(e));
+        }
+        engine.finish(&mut |e| events.push(e));
+        hold(&events);
+        let motions = finals!(events, CameraMotion);
+        assert_eq!(motions.iter().map(|(_, m)| m.frame).collect::<Vec<_>>(), (0..(0.9 * rate) as u64).collect::<Vec<_>>());
+        for (_, motion) in motions {
+            let error = Vec3::from(motion.displacement) - camera(motion.frame as f64 / rate);
+            let covariance = Mat3::from_fn(|i, j| motion.covariance[i][j]) + Mat3::identity() * 1e-8;
+            errors.push(error.norm());
+            nees.push(error.dot(&(covariance.try_inverse().unwrap() * error)) / 3.0);
+        }
+    }
+    (errors, nees)
+}
+
+#[test]
+fn more_frames_make_a_path_no_worse() {
+    let (errors, _) = slid(30.0, 1.5e-3, 12);
+    let few = judge::rms(&errors);
+    for (rate, sd) in [(60.0, 1.5e-3), (120.0, 1.5e-3), (240.0, 1e-3)] {
+        let (errors, nees) = slid(rate, sd, 12);
+        assert!(judge::rms(&errors) < few, "{rate} Hz: {} {few}", judge::rms(&errors));
+        assert!(judge::mean(&nees) < 2.0, "{rate} Hz: {}", judge::mean(&nees));
+    }
+}
+
 #[test]
 fn the_papers_path_is_far_less_exact() {
     let ours = throw(1, pushed, &moving(CameraAssumption::Moving, Method::Best), 11);
@@ -152,6 +200,28 @@ fn with_gravity_unknown_it_is_learned_from_flights_before_a_camera_that_stands()
     assert_eq!((last.flights, last.undetermined.as_slice()), (4, &[Undetermined::Heading][..]));
     assert!((Vec3::from(last.gravity_in_camera) - G).norm() < 0.05, "{:?}", last.gravity_in_camera);
     assert!(finals!(events, CameraMotion).iter().all(|(_, m)| m.undetermined.contains(&Undetermined::AccelerationOrGravity)));
+}
+
+#[test]
+fn a_camera_that_stands_before_balls_that_bounce_is_never_said_to_have_moved() {
+    let mut told = 0;
+    for scene in ["bounce?distance=1.75", "many?balls=3"] {
+        for seed in 0..6 {
+            let mark = if scene.contains('?') { '&' } else { '?' };
+            let scene = Scene::parse(&format!("{scene}{mark}seed={seed}")).unwrap();
+            let mut config = judge::config(&scene, Method::Best);
+            config.assume.camera = Some(CameraAssumption::Moving);
+            let (events, _) = judge::run(&scene, &config);
+            for (_, motion) in finals!(events, CameraMotion) {
+                let covariance = Mat3::from_fn(|i, j| motion.covariance[i][j]) + Mat3::identity() * 1e-8;
+                let d = Vec3::from(motion.displacement);
+                let sds = d.dot(&(covariance.try_inverse().unwrap() * d)).sqrt();
+                assert!(sds < 5.0, "{} frame {}: {d:?} m, {sds} sd", scene.truth().scene, motion.frame);
+                told += 1;
+            }
+        }
+    }
+    assert!(told > 1000, "{told}");
 }
 
 /// Errors (camera axes, mm) of the path in simulated frames of one throw.

@@ -1,7 +1,8 @@
 //! How a camera of known orientation moved while balls flew before it: sec. 3.1 (ii), camera path = predicted − measured.
 //!
 //! The paper takes the ball's first velocity and predicts from there. Here the path is one linear-Gaussian problem: the balls' states, where the
-//! camera stood before and after, and in each instant between a displacement of its own, which is integrated out. When the camera began to
+//! camera stood before and after, and in each instant between a displacement of its own, which is integrated out; from one instant to the next it
+//! goes evenly. When the camera began to
 //! move, when it stopped and how smoothly it went are hypotheses, weighed by their evidence. Smoothness tells most of when it stood, and so of how
 //! fast the ball is: what is no more than a millimetre in the first frame of a motion would else be taken for the ball's.
 //!
@@ -21,6 +22,8 @@ use nalgebra::{SMatrix, SVector};
 pub const INSTANTS: usize = 96;
 /// Balls that share the camera.
 pub const BALLS: usize = 4;
+/// Glimpses of them.
+pub const GLIMPSES: usize = INSTANTS * BALLS;
 /// Acceleration of a camera that is moved by hand, m/s² an axis (standard deviation).
 pub const ACCELERATION: f64 = 6.0;
 /// It gets no farther than this within a flight, m (standard deviation).
@@ -51,8 +54,10 @@ pub struct Instant {
 /// A ball's measured center at an instant: in world axes, from a camera that is thought not to have moved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Glimpse {
-    /// Index of the instant.
+    /// Index of the instant, the newest that is not after it.
     pub instant: usize,
+    /// When, as a part of the time from that instant to the next.
+    pub ahead: f64,
     /// Which ball, below [`BALLS`].
     pub ball: usize,
     /// When and where.
@@ -77,6 +82,17 @@ pub struct Translation {
     pub still: f64,
     /// Weighted squares of the best hypothesis' residuals, and how many numbers were left over to make them.
     pub chi2: (f64, f64),
+}
+
+impl Translation {
+    /// Where the camera is a part of the time `ahead` of an instant, on its way to the next.
+    pub fn at(&self, instant: usize, ahead: f64) -> Option<Displacement> {
+        let here = self.path.get(instant)?;
+        let next = self.path.get(instant + 1).unwrap_or(here);
+        let between = |a: f64, b: f64| a + ahead * (b - a);
+        // How the two err together is not known: at the worst, wholly.
+        Some(Displacement { mean: here.mean.zip_map(&next.mean, between), covariance: here.covariance.zip_map(&next.covariance, between) })
+    }
 }
 
 /// When the camera moved: it stood up to one moment, and again from the other one on; in halves of instants. And how: as any of [`ROUGHNESSES`], or
@@ -109,7 +125,7 @@ pub struct Problem<'a> {
     pub law: &'a dyn Law,
     /// What is known of gravity.
     pub gravity: &'a Gravity,
-    /// In the order of time.
+    /// In the order of time, about as far apart as a hand's motion is new.
     pub instants: &'a [Instant],
     /// In the order of time.
     pub glimpses: &'a [Glimpse],
@@ -136,13 +152,14 @@ impl Problem<'_> {
     pub fn solve_by_paper(&self, theta: f64) -> Translation {
         let displacement = |k: usize| {
             let (mut sum, mut steps, mut count) = (Vec3::zeros(), 0, 0.0);
-            for glimpse in self.glimpses.iter().filter(|g| g.instant == k) {
-                let mut own = self.glimpses.iter().filter(|g| g.ball == glimpse.ball).map(|g| (g.instant, &g.sample));
-                if let (Some((first, a)), Some((_, b))) = (own.next(), own.next())
-                    && let Some(predicted) = paper::predict(a, b, glimpse.sample.t, &self.gravity.mean)
+            for ball in 0..BALLS {
+                let mut own = self.at_instants(ball);
+                if let (Some(first), Some(second), Some(glimpse)) =
+                    (own.next(), own.next(), self.at_instants(ball).find(|g| g.instant == k))
+                    && let Some(predicted) = paper::predict(&first.sample, &second.sample, glimpse.sample.t, &self.gravity.mean)
                 {
                     sum += predicted - glimpse.sample.position;
-                    steps = steps.max(k - first);
+                    steps = steps.max(k - first.instant);
                     count += 1.0;
                 }
             }
@@ -151,6 +168,12 @@ impl Problem<'_> {
             Displacement { mean, covariance: Mat3::from_diagonal_element(sd * sd) }
         };
         Translation { path: (0..self.instants.len().min(INSTANTS)).map(displacement).collect(), still: 0.0, chi2: (0.0, 0.0) }
+    }
+
+    /// A ball's first glimpse from each instant on.
+    fn at_instants(&self, ball: usize) -> impl Iterator<Item = &Glimpse> {
+        let mut before = None;
+        self.glimpses.iter().filter(move |g| g.ball == ball && before.replace(g.instant) != Some(g.instant))
     }
 
     fn solve_with<const N: usize>(&self) -> Option<Translation> {
@@ -174,10 +197,8 @@ impl Problem<'_> {
         let mut still = 0.0;
         for (span, log) in &weighed {
             let weight = exp(log - top) / total;
-            let solution = frame.fit(self, *span).solve()?;
             still += if self.stands(*span) { weight } else { 0.0 };
-            for (k, mixed) in path.iter_mut().enumerate() {
-                let here = frame.displacement(self, *span, k, &solution);
+            for (mixed, here) in path.iter_mut().zip(frame.path(self, *span)?) {
                 mixed.mean += here.mean * weight;
                 mixed.covariance += (here.covariance + here.mean * here.mean.transpose()) * weight;
             }
@@ -255,6 +276,14 @@ impl Problem<'_> {
         crate::math::log(part)
     }
 
+    /// How far the camera gets in `span`, m (standard deviation): half the time it gathers speed, half it brakes, unless it goes on.
+    fn reach(&self, span: Span) -> f64 {
+        let last = self.instants.last().map_or(0.0, |instant| instant.t);
+        let (from, to) = (self.moment(span.from), self.moment(span.to));
+        let (time, part) = if to > last { (last - from, 0.5) } else { (to - from, 0.25) };
+        (part * ACCELERATION * time * time).clamp(TREMOR, REACH)
+    }
+
     /// A moment, s.
     fn moment(&self, halves: u16) -> f64 {
         let time = |i: usize| self.instants.get(i).map_or(f64::INFINITY, |instant| instant.t);
@@ -274,7 +303,7 @@ struct Linear<const N: usize> {
     /// One for each ball.
     flights: Vec<Flight, BALLS>,
     /// Measured less guessed, one for each glimpse.
-    residuals: Vec<Vec3, { INSTANTS * BALLS }>,
+    residuals: Vec<Vec3, GLIMPSES>,
     /// How far the camera goes, m, as a search for any motion had it.
     way: f64,
 }
@@ -323,9 +352,8 @@ impl<const N: usize> Linear<N> {
         farthest > 1e-3
     }
 
-    /// Where the camera is thought to be at an instant, as a part of the way that it goes, and the standard deviation of its displacement about that, m.
-    fn freedom(&self, problem: &Problem, span: Span, k: usize) -> (f64, f64) {
-        let t = problem.instants.get(k).map_or(f64::INFINITY, |instant| instant.t);
+    /// Where the camera is thought to be at `t` (s), as a part of the way that it goes, and the standard deviation of its displacement about that, m.
+    fn freedom(&self, problem: &Problem, span: Span, t: f64) -> (f64, f64) {
         let [from, to] = [span.from, span.to].map(|moment| problem.moment(moment));
         if t <= from || problem.stands(span) {
             return (0.0, TREMOR);
@@ -341,6 +369,22 @@ impl<const N: usize> Linear<N> {
         let (gone, left) = (t - from, to - t);
         let reach = |dt: f64| (0.5 * ACCELERATION * dt * dt).clamp(TREMOR, REACH);
         (if left < gone { 1.0 } else { 0.0 }, reach(gone.min(left)))
+    }
+
+    /// Of a glimpse between two instants what part of its way the camera has gone, and the weight that is left: from the one to the other it went not
+    /// quite evenly.
+    fn between(&self, problem: &Problem, span: Span, glimpse: &Glimpse, parts: [f64; 2]) -> (f64, Mat3) {
+        let (w, weight) = (glimpse.ahead, glimpse.sample.weight);
+        let time = |k: usize| problem.instants.get(k).map(|instant| instant.t);
+        let (Some(a), Some(b)) = (time(glimpse.instant), time(glimpse.instant + 1)) else { return (parts[0], weight) };
+        let [from, to] = [span.from, span.to].map(|moment| problem.moment(moment));
+        if w <= 0.0 || b <= from || a >= to || problem.stands(span) {
+            return (parts[0], weight);
+        }
+        let part =
+            span.roughness().map_or_else(|| parts[0] + w * (parts[1] - parts[0]), |_| self.freedom(problem, span, a + w * (b - a)).0);
+        let sag = 0.5 * ACCELERATION * (b - a) * (b - a) * w * (1.0 - w);
+        (part, (Mat3::identity() + weight * (sag * sag)).try_inverse().map_or(weight, |less| symmetric(&(less * weight))))
     }
 
     /// What one glimpse sees of the unknowns when the camera has gone this `part` of its way.
@@ -369,6 +413,11 @@ impl<const N: usize> Linear<N> {
 
     /// The normal equations under the hypothesis that the camera moved in `span`.
     fn fit(&self, problem: &Problem, span: Span) -> Accumulator<N> {
+        self.fit_with(problem, span, |_| ())
+    }
+
+    /// The same; what is known of the displacement at each instant goes to `each`.
+    fn fit_with(&self, problem: &Problem, span: Span, mut each: impl FnMut(Link<N>)) -> Accumulator<N> {
         let mut fit = Accumulator::<N>::default();
         let known = |sd: f64| Mat3::from_diagonal_element(1.0 / (sd * sd));
         for ball in 0..self.flights.len() {
@@ -378,7 +427,7 @@ impl<const N: usize> Linear<N> {
         let anchor = problem.anchor.covariance + Mat3::from_diagonal_element(TREMOR * TREMOR);
         let about = anchor.try_inverse().unwrap_or_else(|| known(TREMOR));
         fit.expect_block(Self::ANCHOR, &problem.anchor.mean, &about);
-        fit.expect_block(Self::AWAY, &Vec3::zeros(), &known(REACH));
+        fit.expect_block(Self::AWAY, &Vec3::zeros(), &known(problem.reach(span)));
         let guess = Gravity { mean: Vec3::zeros(), size: None, ..*problem.gravity };
         fit.expect_block(Self::GRAVITY, &guess.mean, &guess.information);
         if let Some(size) = problem.gravity.size {
@@ -390,56 +439,92 @@ impl<const N: usize> Linear<N> {
             fit.observe(&row, 0.0, crate::math::hypot(0.02, curvature));
         }
         let mut glimpses = problem.glimpses.iter().zip(&self.residuals).peekable();
+        let freedom = |k: usize| problem.instants.get(k).map_or((1.0, TREMOR), |instant| self.freedom(problem, span, instant.t));
+        let (mut link, mut free) = (Link::<N>::default(), freedom(0));
         for (k, instant) in problem.instants.iter().enumerate() {
-            let (part, sd) = self.freedom(problem, span, k);
-            let prior = known(sd);
-            let (mut information, mut cross, mut vector) = (prior, SMatrix::<f64, 3, N>::zeros(), Vec3::zeros());
+            let (mut next, next_free) = (Link::<N>::default(), freedom(k + 1));
+            let prior = known(free.1);
+            link.part = free.0;
+            link.information += prior;
             fit.normalise(&prior);
             while let Some((glimpse, residual)) = glimpses.next_if(|(glimpse, _)| glimpse.instant <= k) {
-                let (design, weight) = (self.design(glimpse, part), &glimpse.sample.weight);
-                fit.observe_design(&design, residual, weight);
-                information += weight;
-                cross -= weight * design;
-                vector -= weight * residual;
+                let (part, weight) = self.between(problem, span, glimpse, [free.0, next_free.0]);
+                let design = self.design(glimpse, part);
+                fit.observe_design(&design, residual, &weight);
+                link.see(-(1.0 - glimpse.ahead), &design, residual, &weight);
+                if glimpse.ahead > 0.0 {
+                    next.see(-glimpse.ahead, &design, residual, &weight);
+                    link.onward += weight * (glimpse.ahead * (1.0 - glimpse.ahead));
+                }
             }
             let (shown, seen) = &instant.structure;
             if *seen != Mat3::zeros() {
-                let standing = Self::standing(part);
+                let standing = Self::standing(free.0);
                 fit.observe_design(&standing, shown, seen);
-                information += seen;
-                cross += seen * standing;
-                vector += seen * shown;
+                link.see(1.0, &standing, shown, seen);
             }
-            fit.integrate_out(&information, &cross, &vector);
+            fit.integrate_out(&link.information, &link.cross, &link.vector);
+            if link.onward != Mat3::zeros()
+                && let Some(own) = link.information.try_inverse()
+            {
+                let pull = link.onward * own;
+                next.information -= pull * link.onward;
+                next.cross -= pull * link.cross;
+                next.vector -= pull * link.vector;
+            }
+            each(link);
+            (link, free) = (next, next_free);
         }
         fit
     }
 
-    /// The camera's displacement at instant `k`, by what the balls' and the camera's `solution` is under `span`.
-    fn displacement(&self, problem: &Problem, span: Span, k: usize, solution: &Solution<N>) -> Displacement {
-        let (part, sd) = self.freedom(problem, span, k);
-        let standing = Self::standing(part);
-        // Less where it would stand: (prior + Σ weights) · rest = Σ weight · (predicted − measured) …
-        let mut information = Mat3::from_diagonal_element(1.0 / (sd * sd));
-        let (mut cross, mut vector) = (SMatrix::<f64, 3, N>::zeros(), Vec3::zeros());
-        let here = problem.glimpses.iter().zip(&self.residuals).filter(|(glimpse, _)| glimpse.instant == k);
-        for (glimpse, residual) in here {
-            let weight = &glimpse.sample.weight;
-            information += weight;
-            cross -= weight * self.design(glimpse, part);
-            vector -= weight * residual;
+    /// The camera's displacement at each instant under `span`.
+    fn path(&self, problem: &Problem, span: Span) -> Option<Vec<Displacement, INSTANTS>> {
+        let mut links: Vec<Link<N>, INSTANTS> = Vec::new();
+        let solution = self.fit_with(problem, span, |link| _ = links.push(link)).solve()?;
+        // From the last one back: each displacement less where the camera would stand is `vector` − `cross` · unknowns, and has a `covariance` beside.
+        let (mut cross, mut vector, mut covariance) = (SMatrix::<f64, 3, N>::zeros(), Vec3::zeros(), Mat3::zeros());
+        let mut path = Vec::new();
+        for link in links.iter().rev() {
+            let own = link.information.try_inverse()?;
+            let pull = own * link.onward;
+            cross = own * link.cross - pull * cross;
+            vector = own * link.vector - pull * vector;
+            covariance = own + pull * covariance * pull.transpose();
+            let of_unknowns = Self::standing(link.part) - cross;
+            let _ = path.push(Displacement {
+                mean: of_unknowns * solution.mean + vector,
+                covariance: symmetric(&(of_unknowns * solution.covariance * of_unknowns.transpose() + covariance)),
+            });
         }
-        if let Some(Instant { structure: (shown, seen), .. }) = problem.instants.get(k) {
-            information += seen;
-            cross += seen * standing;
-            vector += seen * shown;
-        }
-        let Some(own) = information.try_inverse() else {
-            return Displacement { mean: Vec3::zeros(), covariance: Mat3::from_diagonal_element(REACH * REACH) };
-        };
-        let of_unknowns = standing - own * cross;
-        let mean = of_unknowns * solution.mean + own * vector;
-        Displacement { mean, covariance: symmetric(&(of_unknowns * solution.covariance * of_unknowns.transpose() + own)) }
+        path.reverse();
+        Some(path)
+    }
+}
+
+/// What is known of the camera's displacement at an instant, less where it would stand when it has gone `part` of its way:
+/// `information` · it + `cross` · unknowns + `onward` · the next instant's = `vector`.
+struct Link<const N: usize> {
+    part: f64,
+    information: Mat3,
+    cross: SMatrix<f64, 3, N>,
+    onward: Mat3,
+    vector: Vec3,
+}
+
+impl<const N: usize> Default for Link<N> {
+    fn default() -> Self {
+        Self { part: 0.0, information: Mat3::zeros(), cross: SMatrix::zeros(), onward: Mat3::zeros(), vector: Vec3::zeros() }
+    }
+}
+
+impl<const N: usize> Link<N> {
+    /// An observation y = `coefficient` · displacement + `design` · unknowns + noise.
+    fn see(&mut self, coefficient: f64, design: &SMatrix<f64, 3, N>, y: &Vec3, weight: &Mat3) {
+        let weighed = weight * coefficient;
+        self.information += weighed * coefficient;
+        self.cross += weighed * design;
+        self.vector += weighed * y;
     }
 }
 
@@ -484,7 +569,7 @@ mod tests {
                 let t = instants[instant].t;
                 let off = Vec3::new(noise(seed), noise(seed), noise(seed)) * SD;
                 let seen = start.at(t, &LAW, &G).position - truth[instant] + off;
-                Glimpse { instant, ball, sample: Sample::isotropic(t, seen, SD) }
+                Glimpse { instant, ahead: 0.0, ball, sample: Sample::isotropic(t, seen, SD) }
             })
             .collect();
         let anchor = Displacement { mean: Vec3::zeros(), covariance: Mat3::zeros() };
@@ -551,7 +636,7 @@ mod tests {
             .map(|(k, d)| {
                 let t = instants[k].t;
                 let off = Vec3::new(noise(&mut seed), noise(&mut seed), noise(&mut seed)) * SD;
-                Glimpse { instant: k, ball: 0, sample: Sample::isotropic(t, start.at(t, &LAW, &G).position - d + off, SD) }
+                Glimpse { instant: k, ahead: 0.0, ball: 0, sample: Sample::isotropic(t, start.at(t, &LAW, &G).position - d + off, SD) }
             })
             .collect();
         let anchor = Displacement { mean: Vec3::zeros(), covariance: Mat3::zeros() };

@@ -5,18 +5,20 @@ use crate::math::{Mat3, Vec3};
 use crate::physics::Sample;
 use crate::physics::gravity::Gravity;
 use crate::physics::law::Law;
-use crate::physics::translation::{BALLS, Displacement, Glimpse, INSTANTS, Instant, Problem, Translation};
+use crate::physics::translation::{BALLS, Displacement, GLIMPSES, Glimpse, INSTANTS, Instant, Problem, Translation};
 use crate::time::seconds_between;
-use crate::track::drift::falls;
+use crate::track::drift::{falls, trim};
 use heapless::Vec;
 
 /// The path is told when a flight is over for so long, s: what others that still fly show until then helps.
 const PATIENCE: f64 = 0.2;
-/// Frames that come sooner after another than this, s, are told with it.
-const STEP: f64 = 0.012;
-/// What is seen at the most: a few objects in all instants.
-const SEEN: usize = 3 * INSTANTS;
-/// A flight of an object that is still there counts from so many glimpses on.
+/// Instants that are solved are not closer together than this, s, whatever the rate: up to 40 Hz each frame is one. Between them the camera goes evenly.
+const STEP: f64 = 0.024;
+/// Measurements of an object within this, s, are averaged.
+const BLINK: f64 = 0.012;
+/// Frames at the most: 3.2 s at 240 Hz.
+const FRAMES: usize = 8 * INSTANTS;
+/// A flight counts from so many glimpses on.
 const FEWEST: usize = 5;
 /// Squares of residuals of what are flights, a degree of freedom.
 const PLAUSIBLE: f64 = 3.0;
@@ -25,23 +27,36 @@ const STOOD: f64 = 0.9;
 /// Information in every direction from which on static structure ties the camera down, 1/m²: 1 cm.
 const TIED: f64 = 1e4;
 
-/// A frame in which something was tracked, and those that came right after it.
+/// A frame in which something was tracked.
 #[derive(Clone, Copy, Debug)]
 struct Frame {
     timestamp_ns: i64,
-    numbers: (u64, u64),
-    structure: (Vec3, Mat3),
+    number: u64,
     told: bool,
 }
 
-/// A measurement in a frame.
+/// A frame that is an instant of the path.
+#[derive(Clone, Copy, Debug)]
+struct Knot {
+    timestamp_ns: i64,
+    structure: (Vec3, Mat3),
+}
+
+/// A measurement, or the mean of a few.
 #[derive(Clone, Copy, Debug)]
 struct Seen {
-    timestamp_ns: i64,
     track: u32,
+    /// Stamps of its first frame and its last one, ns.
+    frames_ns: (i64, i64),
+    /// When the first was measured, and the last, ns.
+    times_ns: (i64, i64),
+    /// Means.
+    timestamp_ns: i64,
     time_ns: i64,
     position: Vec3,
+    /// Sum.
     weight: Mat3,
+    count: i32,
     /// Which flight, once it is over.
     flight: Option<u32>,
 }
@@ -58,8 +73,10 @@ pub enum Told<'a> {
 /// Gathers what shows the camera's path.
 #[derive(Debug)]
 pub struct CameraMotion {
-    frames: Vec<Frame, INSTANTS>,
-    seen: Vec<Seen, SEEN>,
+    frames: Vec<Frame, FRAMES>,
+    /// The newest frame is always one.
+    knots: Vec<Knot, INSTANTS>,
+    seen: Vec<Seen, GLIMPSES>,
     /// Where the camera was in the newest frame that was told.
     anchor: Displacement,
     flights: u32,
@@ -70,40 +87,72 @@ pub struct CameraMotion {
 impl Default for CameraMotion {
     fn default() -> Self {
         let anchor = Displacement { mean: Vec3::zeros(), covariance: Mat3::zeros() };
-        Self { frames: Vec::new(), seen: Vec::new(), anchor, flights: 0, landed_ns: None }
+        Self { frames: Vec::new(), knots: Vec::new(), seen: Vec::new(), anchor, flights: 0, landed_ns: None }
     }
 }
 
 impl CameraMotion {
     /// A frame begins, and what static structure shows in it: the camera's displacement (m), and the information of that (1/m²).
     pub fn begin(&mut self, timestamp_ns: i64, frame: u64, structure: (Vec3, Mat3)) {
-        match self.frames.last_mut() {
-            Some(last) if seconds_between(last.timestamp_ns, timestamp_ns) < STEP => last.numbers.1 = frame,
-            _ => {
-                // A full buffer was told and emptied before.
-                let _ = self.frames.push(Frame { timestamp_ns, numbers: (frame, frame), structure, told: false });
-            }
+        if self.frames.last().is_some_and(|last| last.number == frame) {
+            return;
         }
+        if self.knots.is_empty() {
+            self.anchor.covariance += Mat3::from_diagonal_element(self.unseen(&structure));
+        }
+        if let [.., before, last] = self.knots.as_slice()
+            && seconds_between(before.timestamp_ns, last.timestamp_ns) < STEP
+        {
+            self.knots.pop();
+        }
+        // Full buffers were told and emptied before.
+        let _ = self.knots.push(Knot { timestamp_ns, structure });
+        let _ = self.frames.push(Frame { timestamp_ns, number: frame, told: false });
+    }
+
+    /// How far (squared, m²) static structure shows the camera from where it was left, beyond what that is uncertain: it moved while nothing was
+    /// tracked, and then as far along what structure does not tell.
+    fn unseen(&self, (shown, information): &(Vec3, Mat3)) -> f64 {
+        let Some(covariance) = (information + Mat3::from_diagonal_element(TIED)).try_inverse() else { return 0.0 };
+        let told = covariance * information;
+        let off = told * (shown - self.anchor.mean);
+        (off.norm_squared() - (told * self.anchor.covariance * told.transpose()).trace()).max(0.0)
     }
 
     /// An object was measured in the frame that began last.
     pub fn see(&mut self, track: u32, time_ns: i64, position: Vec3, weight: Mat3) {
-        let Some(frame) = self.frames.last() else { return };
-        let again = self.seen.iter().rev().take_while(|s| s.timestamp_ns == frame.timestamp_ns).any(|s| s.track == track);
-        if !again {
-            // A full buffer was told and emptied before.
-            let _ = self.seen.push(Seen { timestamp_ns: frame.timestamp_ns, track, time_ns, position, weight, flight: None });
+        let Some(&Frame { timestamp_ns, .. }) = self.frames.last() else { return };
+        match self.seen.iter_mut().rev().find(|s| s.track == track) {
+            Some(seen) if seen.frames_ns.1 == timestamp_ns => {}
+            Some(seen) if seen.flight.is_none() && seconds_between(seen.frames_ns.0, timestamp_ns) < BLINK => {
+                seen.count += 1;
+                (seen.frames_ns.1, seen.times_ns.1) = (timestamp_ns, time_ns);
+                seen.timestamp_ns += (timestamp_ns - seen.timestamp_ns) / i64::from(seen.count);
+                seen.time_ns += (time_ns - seen.time_ns) / i64::from(seen.count);
+                seen.position += (position - seen.position) / f64::from(seen.count);
+                seen.weight += weight;
+            }
+            _ => {
+                let (frames_ns, times_ns) = ((timestamp_ns, timestamp_ns), (time_ns, time_ns));
+                // A full buffer was told and emptied before.
+                let _ =
+                    self.seen.push(Seen { track, frames_ns, times_ns, timestamp_ns, time_ns, position, weight, count: 1, flight: None });
+            }
         }
     }
 
-    /// What a track showed from `from_ns` to `to_ns` was a flight.
+    /// What a track showed from `from_ns` to `to_ns` was a flight, or a piece of none; what it showed before that in no flight was none.
     pub fn land(&mut self, track: u32, from_ns: i64, to_ns: i64) {
-        let flight = self.flights;
-        for seen in self.seen.iter_mut().filter(|s| s.track == track && s.flight.is_none() && (from_ns..=to_ns).contains(&s.time_ns)) {
-            seen.flight = Some(flight);
-            self.landed_ns = self.landed_ns.max(Some(seen.timestamp_ns));
-            self.flights = flight + 1;
+        let own = |s: &Seen| s.track == track && s.flight.is_none() && s.times_ns.0 <= to_ns;
+        self.seen.retain(|s| !own(s) || (s.times_ns.0 >= from_ns && s.times_ns.1 <= to_ns));
+        let count = self.seen.iter().filter(|s| own(s)).count();
+        for seen in self.seen.iter_mut().filter(|s| own(s)) {
+            seen.flight = Some(self.flights);
+            if count >= FEWEST || from_ns == i64::MIN {
+                self.landed_ns = self.landed_ns.max(Some(seen.frames_ns.1));
+            }
         }
+        self.flights += 1;
     }
 
     /// Tracks that were not seen for long have landed, whether they come back or not.
@@ -121,17 +170,21 @@ impl CameraMotion {
 
     /// The path is due: a flight has been over for long enough, nothing flies any more (`idle`), or there is no more room.
     pub fn is_due(&self, now_ns: i64, idle: bool) -> bool {
-        let full = self.frames.is_full() || self.seen.len() + BALLS > SEEN;
-        full || self.landed_ns.map_or(idle && !self.frames.is_empty(), |landed_ns| idle || seconds_between(landed_ns, now_ns) > PATIENCE)
+        self.is_full()
+            || self.landed_ns.map_or(idle && !self.frames.is_empty(), |landed_ns| idle || seconds_between(landed_ns, now_ns) > PATIENCE)
+    }
+
+    fn is_full(&self) -> bool {
+        self.knots.is_full() || self.frames.is_full() || self.seen.len() + BALLS > GLIMPSES
     }
 
     /// Solves, and hands out the path up to the newest flight that is over; all of it, and the next one is another, when nothing flies any more or
     /// there is no more room.
     pub fn tell(&mut self, method: (Method, f64), law: &dyn Law, gravity: &Gravity, idle: bool, mut out: impl FnMut(Told<'_>)) {
-        let all = idle || self.frames.is_full() || self.seen.len() + BALLS > SEEN;
+        let all = idle || self.is_full();
         let until_ns = if all { i64::MAX } else { self.landed_ns.unwrap_or(i64::MIN) };
         self.landed_ns = None;
-        let Some(&Frame { timestamp_ns: epoch_ns, .. }) = self.frames.first() else { return };
+        let Some(&Knot { timestamp_ns: epoch_ns, .. }) = self.knots.first() else { return };
         let glimpses = self.glimpses(epoch_ns, &gravity.mean);
         let Some(solved) = self.solve(method, law, gravity, epoch_ns, &glimpses) else { return };
         if solved.still > STOOD {
@@ -142,16 +195,19 @@ impl CameraMotion {
                 }
             }
         }
-        for (frame, displacement) in self.frames.iter_mut().zip(&solved.path) {
-            if !frame.told && frame.timestamp_ns <= until_ns {
-                frame.told = true;
-                let tied = frame.structure.1.symmetric_eigenvalues().min() > TIED;
-                (frame.numbers.0..=frame.numbers.1).for_each(|number| out(Told::Moved(number, *displacement, tied)));
+        let knots = &self.knots;
+        for frame in self.frames.iter_mut().filter(|frame| !frame.told && frame.timestamp_ns <= until_ns) {
+            frame.told = true;
+            let (instant, ahead) = place(knots, frame.timestamp_ns);
+            let tied = knots.get(instant).is_some_and(|knot| knot.structure.1.symmetric_eigenvalues().min() > TIED);
+            if let Some(displacement) = solved.at(instant, ahead) {
+                out(Told::Moved(frame.number, displacement, tied));
             }
         }
         if all {
             self.anchor = solved.path.last().copied().unwrap_or(self.anchor);
             self.frames.clear();
+            self.knots.clear();
             self.seen.clear();
         }
     }
@@ -164,8 +220,8 @@ impl CameraMotion {
         epoch_ns: i64,
         glimpses: &[Glimpse],
     ) -> Option<Translation> {
-        let instant = |frame: &Frame| Instant { t: seconds_between(epoch_ns, frame.timestamp_ns), structure: frame.structure };
-        let instants: Vec<Instant, INSTANTS> = self.frames.iter().map(instant).collect();
+        let instant = |knot: &Knot| Instant { t: seconds_between(epoch_ns, knot.timestamp_ns), structure: knot.structure };
+        let instants: Vec<Instant, INSTANTS> = self.knots.iter().map(instant).collect();
         let problem = |glimpses| Problem { law, gravity, instants: &instants, glimpses, anchor: self.anchor };
         if method == Method::Paper {
             return Some(problem(glimpses).solve_by_paper(theta));
@@ -176,28 +232,43 @@ impl CameraMotion {
     }
 
     /// The glimpses of the flights that show most, those that go on among them.
-    fn glimpses(&self, epoch_ns: i64, gravity: &Vec3) -> Vec<Glimpse, SEEN> {
+    fn glimpses(&self, epoch_ns: i64, gravity: &Vec3) -> Vec<Glimpse, GLIMPSES> {
         let sample = |s: &Seen| Sample { t: seconds_between(epoch_ns, s.time_ns), position: s.position, weight: s.weight, half_span: 0.0 };
-        let mut flights: Vec<((u32, Option<u32>), usize), 32> = Vec::new();
-        for seen in &self.seen {
-            match flights.iter_mut().find(|(flight, _)| *flight == seen.flight()) {
-                Some((_, count)) => *count += 1,
-                None => _ = flights.push((seen.flight(), 1)),
+        let mut flights: Vec<(u32, Option<u32>), 32> = Vec::new();
+        for flight in self.seen.iter().map(Seen::flight) {
+            if !flights.contains(&flight) {
+                let _ = flights.push(flight);
             }
         }
-        flights.retain(|(flight, count)| {
+        let whole = |flight: &(u32, Option<u32>)| {
             let samples: Vec<Sample, INSTANTS> = self.seen.iter().filter(|s| s.flight() == *flight).map(sample).take(INSTANTS).collect();
-            *count >= FEWEST && falls(&samples, gravity)
-        });
-        flights.sort_unstable_by_key(|(_, count)| core::cmp::Reverse(*count));
+            let sure = trim(&samples, gravity);
+            let (first, last) = (sure.first()?, sure.last()?);
+            (sure.len() >= FEWEST && falls(sure, gravity)).then_some((*flight, sure.len(), first.t..=last.t))
+        };
+        let mut flights: Vec<_, 32> = flights.iter().filter_map(whole).collect();
+        flights.sort_unstable_by_key(|(_, count, _)| core::cmp::Reverse(*count));
         flights.truncate(BALLS);
         let glimpse = |seen: &Seen| {
-            let ball = flights.iter().position(|(flight, _)| *flight == seen.flight())?;
-            let instant = self.frames.iter().position(|frame| frame.timestamp_ns == seen.timestamp_ns)?;
-            Some(Glimpse { instant, ball, sample: sample(seen) })
+            let sample = sample(seen);
+            let ball = flights.iter().position(|(flight, _, span)| *flight == seen.flight() && span.contains(&sample.t))?;
+            let (instant, ahead) = place(&self.knots, seen.timestamp_ns);
+            Some(Glimpse { instant, ahead, ball, sample })
         };
-        self.seen.iter().filter_map(glimpse).collect()
+        let mut glimpses: Vec<Glimpse, GLIMPSES> = self.seen.iter().filter_map(glimpse).collect();
+        glimpses.sort_unstable_by_key(|glimpse| glimpse.instant);
+        glimpses
     }
+}
+
+/// The newest instant that is not after a stamp, and the part of the time from it to the next one that has passed then.
+fn place(knots: &[Knot], timestamp_ns: i64) -> (usize, f64) {
+    let instant = knots.partition_point(|knot| knot.timestamp_ns <= timestamp_ns).saturating_sub(1);
+    let ahead = knots
+        .get(instant..)
+        .and_then(|rest| rest.first_chunk::<2>())
+        .map_or(0.0, |[a, b]| seconds_between(a.timestamp_ns, timestamp_ns) / seconds_between(a.timestamp_ns, b.timestamp_ns));
+    (instant, ahead)
 }
 
 impl Seen {

@@ -12,23 +12,24 @@ use crate::track::window::Window;
 
 /// Squared Mahalanobis distance beyond which no hand did it, and from which on it is doubtful.
 const JERK: (f64, f64) = (30.0, 9.0);
-/// A flight has so many samples at the least.
-const FEWEST: usize = 5;
+
+/// The same for what a flight can do without.
+const STRAY: f64 = 6.0;
 
 /// A track's motion before a camera that moves.
 #[derive(Clone, Debug)]
 pub struct Drift {
     /// Start of the present flight, s.
     since: f64,
-    /// The newest sample was in doubt.
-    doubtful: bool,
+    /// Of the newest samples the first that is in doubt, s.
+    doubt: Option<f64>,
     fit: Option<Flight>,
 }
 
 impl Drift {
     /// Begins with a flight at time `since` (s).
     pub fn new(since: f64) -> Self {
-        Self { since, doubtful: false, fit: None }
+        Self { since, doubt: None, fit: None }
     }
 
     /// What tells where it is next: the newest step, and how far the camera may go meanwhile.
@@ -43,12 +44,18 @@ impl Drift {
             let prediction = fit.predict(around.law, sample.t);
             WhitenedTest::distance2(&prediction, &sample.position, &sample.covariance())
         });
-        if sample.t - last > LONGEST_BRIDGE || distance.is_some_and(|d| d > JERK.0) {
-            let end = if self.doubtful { last } else { sample.t };
-            self.land(window, end, findings);
-            (self.since, self.fit) = (end, None);
+        let lost = sample.t - last > LONGEST_BRIDGE;
+        if lost || distance.is_some_and(|d| d > JERK.0) {
+            // A bounce right before the newest sample has hardly moved it yet: that one is of neither flight.
+            let end = self.doubt.unwrap_or(if lost { sample.t } else { last });
+            Self::land(window, self.since, end, findings);
+            Self::land(window, end, sample.t, findings);
+            (self.since, self.doubt, self.fit) = (sample.t, None, None);
+        } else if distance.is_some_and(|d| d > JERK.1) {
+            self.doubt = self.doubt.or(Some(sample.t));
+        } else {
+            self.doubt = None;
         }
-        self.doubtful = distance.is_some_and(|d| d > JERK.1);
         window.push(sample);
         let step = between(window.samples(), self.since, f64::INFINITY);
         let step = step.last_chunk::<2>().map_or(step, |pair| pair);
@@ -64,15 +71,44 @@ impl Drift {
 
     /// Ends the motion.
     pub fn finish(&mut self, window: &Window, findings: &mut Findings) {
-        self.land(window, f64::INFINITY, findings);
+        let end = self.doubt.unwrap_or(f64::INFINITY);
+        Self::land(window, self.since, end, findings);
+        Self::land(window, end, f64::INFINITY, findings);
     }
 
-    fn land(&mut self, window: &Window, until: f64, findings: &mut Findings) {
-        let samples = between(window.samples(), self.since, until);
-        if let (Some(first), Some(last), FEWEST..) = (samples.first(), samples.last(), samples.len()) {
+    fn land(window: &Window, from: f64, until: f64, findings: &mut Findings) {
+        let piece = between(window.samples(), from, until);
+        if let (Some(first), Some(last)) = (piece.first(), piece.last()) {
             let _ = findings.push(Finding::Drifted(first.t, last.t));
         }
     }
+}
+
+/// A flight less those samples at its ends that a hand has hardly done: the ball may have bounced between them and the others.
+pub fn trim<'a>(mut samples: &'a [Sample], gravity: &Vec3) -> &'a [Sample] {
+    while let [first, rest @ ..] = samples
+        && let [a, b, ..] = rest
+        && strays(first, a, b, gravity)
+    {
+        samples = rest;
+    }
+    while let [rest @ .., last] = samples
+        && let [.., b, a] = rest
+        && strays(last, a, b, gravity)
+    {
+        samples = rest;
+    }
+    samples
+}
+
+/// Whether a sample is not where it would be by the next one of its flight, `a`, and the one beyond, `b`, as far as a hand moves the camera meanwhile.
+fn strays(sample: &Sample, a: &Sample, b: &Sample, gravity: &Vec3) -> bool {
+    let (before, after) = (a.t - b.t, sample.t - a.t);
+    let (ratio, time2) = (after / before, 0.5 * after * (before + after));
+    let off = sample.position - a.position - (a.position - b.position) * ratio - gravity * time2;
+    let loose = Mat3::from_diagonal_element((ACCELERATION * time2) * (ACCELERATION * time2));
+    let noise = sample.covariance() + a.covariance() * ((1.0 + ratio) * (1.0 + ratio)) + b.covariance() * (ratio * ratio);
+    (noise + loose).try_inverse().is_some_and(|inverse| off.dot(&(inverse * off)) > STRAY)
 }
 
 /// Whether samples may be a flight at all, whatever the camera did: something that falls, not a piece of the scene.
