@@ -184,3 +184,21 @@ def test_a_simulated_scene_obeys_its_camera_file(tmp_path: Path) -> None:
 def test_other_types_are_type_errors(options: Any) -> None:
     with pytest.raises(TypeError, match="a dict or a dataclass"):
         physinc.stream("demo", **options)
+
+
+def test_what_is_assumed_of_the_camera_is_printed_as_the_source_has_it(tmp_path: Path) -> None:
+    (tmp_path / "b.csv").write_text("t,x,y,z\n0,0,1,1\n0.1,0,1,1\n")
+
+    def assumed(source: str, config: object = None) -> str:
+        return tomllib.loads(dump_config(source, config=config))["assume"]["camera"]
+
+    assert assumed("sim:bounce") == assumed(str(tmp_path / "b.csv")) == "static"
+    assert assumed("sim:rotated_camera") == "tilted"
+    assert assumed("sim:bounce", {"assume": {"camera": "moving"}}) == "moving"
+    assert "camera" not in tomllib.loads(dump_config())["assume"]
+
+
+def test_a_surface_can_be_appended_to_what_is_printed(tmp_path: Path) -> None:
+    path = tmp_path / "c.toml"
+    path.write_text(dump_config() + '[[environment.plane]]\nname = "table"\n')
+    assert 'name = "table"' in dump_config(config=path)

@@ -119,15 +119,15 @@ pub fn to_toml(config: &Config) -> Result<String, toml::ser::Error> {
     let mut whole = Table::try_from(config)?;
     let mut surfaces = String::new();
     if let Some(environment) = whole.get_mut("environment").and_then(toml::Value::as_table_mut) {
-        let (empty, mut known): (Table, Table) =
-            core::mem::take(environment).into_iter().partition(|(_, entries)| entries.as_array().is_none_or(std::vec::Vec::is_empty));
-        *environment = empty;
+        // An empty list would have to be deleted before a surface could be appended to the file.
+        let mut known = core::mem::take(environment);
         for name in config.environment.kinds().map(Kind::name) {
             let Some(toml::Value::Array(entries)) = known.get_mut(name).filter(|entries| entries.get(0).is_some()) else { continue };
             let entry = BTreeMap::from([(name, [entries.remove(0)])]);
             surfaces += &toml::to_string(&BTreeMap::from([("environment", entry)]))?;
         }
     }
+    whole.retain(|_, section| section.as_table().is_none_or(|keys| !keys.is_empty()));
     Ok(toml::to_string(&whole)? + &surfaces)
 }
 

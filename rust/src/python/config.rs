@@ -78,12 +78,19 @@ pub fn dump_config(
 ) -> PyResult<String> {
     let mut config = self::config(config)?;
     let camera = self::camera(camera)?.read()?;
+    let mut assumed = None;
     if let Some(source) = source {
         let (named, theirs, camera) = (String::from(source), config.clone(), camera.clone());
         let patience = may_be_silent(source).then_some(PATIENCE);
-        wait_for(py, patience, move || crate::source::open(&named, &theirs, camera.as_ref()))??;
+        let posed = move || {
+            let opened = crate::source::open(&named, &theirs, camera.as_ref())?;
+            // Positions are in the world.
+            Ok::<_, crate::source::SourceError>(opened.camera().is_none_or(|camera| camera.pose.is_some()))
+        };
+        assumed = Some(config.camera_assumption(wait_for(py, patience, posed)??));
     }
     config.camera = camera_in_force(source, &config, camera.as_ref())?;
+    config.assume.camera = assumed.or(config.assume.camera);
     config.validate()?;
     config_file::to_toml(&config).map_err(|error| in_config(error.to_string()))
 }

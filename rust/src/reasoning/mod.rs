@@ -354,8 +354,8 @@ impl Reasoning {
             let duration = config.object.contact_duration;
             let normal_at = |c: &Contact| surfaces.touched(&c.center, &c.center_covariance(), radius).map(|(_, normal)| normal);
             let beyond = |c: &Contact| surfaces.is_beyond(&c.center, &c.center_covariance(), radius);
-            let gravity_felt = balanced.as_ref().unwrap_or(gravity);
-            let around = Surroundings { law: &law, gravity: gravity_felt, duration, normal_at: &normal_at, beyond: &beyond };
+            let pull = balanced.as_ref().unwrap_or(gravity);
+            let around = Surroundings { law: &law, gravity: pull, duration, normal_at: &normal_at, beyond: &beyond };
             if let Some(track) = tracks.iter_mut().find(|t| t.id == id) {
                 f(track, noise, &around, &mut findings);
                 let around = Surroundings { gravity, ..around };
