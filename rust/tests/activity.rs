@@ -298,7 +298,7 @@ fn what_starts_turns_or_reverses_at_once_on_a_known_floor_is_active() {
 
 #[test]
 fn what_a_known_wall_or_friction_does_to_a_roll_is_passive() {
-    let wall = KnownPlane { normal: [-1.0, 0.0, 0.0], offset: -RADIUS, name: "wall".try_into().unwrap(), ..KnownPlane::default() };
+    let wall = KnownPlane { normal: [-1.0, 0.0, 0.0], offset: -RADIUS, name: "wall".try_into().unwrap() };
     // Off the wall at x = 0, or in hops of 2 cm, of which the first takes a quarter of the speed.
     let bounces = |speed: f64, e: f64| move |t: f64| [if t < 2.0 { speed * (t - 2.0) } else { -e * speed * (t - 2.0) }, 1.5, RADIUS];
     let hops = |t: f64| {
