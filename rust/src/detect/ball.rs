@@ -28,6 +28,9 @@ const ROUNDS: usize = 5;
 /// gain nothing (`seeing_accuracy`).
 const THIN: usize = 2;
 
+/// Residuals of a ball are no more than so many standard deviations of its depth, root mean square.
+pub const LARGEST_RESIDUAL: f64 = 2.0;
+
 /// Numbers that a fit needs room for.
 pub const ROOM: usize = 20 * CELLS;
 
@@ -53,6 +56,8 @@ pub struct Found {
     pub cap_ratio: f64,
     /// Of its silhouette.
     pub outline_ratio: f64,
+    /// Mean squared distance of the points of its cap from the sphere that comes nearest to them, m².
+    pub least_square: f64,
 }
 
 /// What an image says of a guess.
@@ -75,6 +80,12 @@ impl Squares {
     fn rms_after(&self, step: &Vec3) -> f64 {
         let squares = self.constant - 2.0 * self.gradient.dot(step) + step.dot(&(self.hessian * step));
         sqrt(squares.max(0.0) / self.points)
+    }
+
+    /// Mean square after the step that makes it smallest, m².
+    fn least(&self) -> f64 {
+        let gained = self.hessian.cholesky().map_or(0.0, |solver| self.gradient.dot(&solver.solve(&self.gradient)));
+        (self.constant - gained).max(0.0) / self.points
     }
 }
 
@@ -190,7 +201,7 @@ impl<S: Sample> View<'_, S> {
             }
             let detection = self.judge(&evidence, &guess, covariance, squares.rms_after(&step), &patch, pixels)?;
             let outline_ratio = outline.check(&Vec3::new(sideways[0], sideways[1], shrink));
-            return Some(Found { detection, cap_ratio: cap_equations.check(&step), outline_ratio });
+            return Some(Found { detection, cap_ratio: cap_equations.check(&step), outline_ratio, least_square: squares.least() });
         }
         None
     }
@@ -233,7 +244,7 @@ impl<S: Sample> View<'_, S> {
         let finite = guess.center.iter().chain(covariance.iter()).all(|x| x.is_finite());
         if evidence.points < 6
             || 4 * evidence.wild > evidence.points
-            || residual_rms > 2.0 * self.noise.axial(guess.center.z)
+            || residual_rms > LARGEST_RESIDUAL * self.noise.axial(guess.center.z)
             || f64::from(evidence.seen) < 0.25 * disc
             || !finite
         {

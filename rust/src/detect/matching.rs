@@ -1,25 +1,25 @@
 //! Over how many pixels a camera matches to tell a depth: balls show it. A window flattens their caps, more towards the rim; one that is taken for
 //! larger or smaller than it is puts them before or behind where they are.
 
-use super::ball::Found;
+use super::Blob;
+use super::ball::{Found, LARGEST_RESIDUAL};
 use super::noise::Noise;
-use super::{Blob, Detection};
 use crate::math::log;
 
 /// Windows that are told apart, columns and rows, px: a Kinect v1's, a smaller one, and none.
 pub const WINDOWS: [[usize; 2]; 3] = [Noise::KINECT, [5, 5], [1, 1]];
 
+/// How much less likely another window is than a Kinect's before a ball is seen: one in twenty.
+const RARER: f64 = 3.0;
 /// The best window is settled once it leads by so much of log-likelihood,
 const LEAD: f64 = 6.0;
 /// or has been weighed with so many balls.
 const BALLS: u32 = 16;
-/// A window that lets no ball be seen is taken to leave so many times the mean square of the best.
-const REFUSED: f64 = 4.0;
 /// Balls that show less than so many pixels say nothing of it.
 const FEWEST_POINTS: u32 = 60;
 
 /// What balls have said by now, and what is made of it: the same within one frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Matching {
     /// How much less likely each of [`WINDOWS`] makes the caps seen so far: the sum of points / 2 · log of their mean squared residual.
     misfit: [f64; WINDOWS.len()],
@@ -27,6 +27,12 @@ pub struct Matching {
     /// The place of the most likely of them before this frame.
     best: usize,
     settled: bool,
+}
+
+impl Default for Matching {
+    fn default() -> Self {
+        Self { misfit: [0.0, RARER, RARER], balls: 0, best: 0, settled: false }
+    }
 }
 
 impl Matching {
@@ -37,16 +43,19 @@ impl Matching {
 
     /// Learns from one ball, fitted with each of [`WINDOWS`], and hands out the fit with the one that was most likely before this frame.
     pub fn weigh(&mut self, fits: [Option<Found>; WINDOWS.len()]) -> Option<Found> {
-        let whole = || fits.iter().flatten().map(|found| &found.detection).filter(|ball| ball.blob == Blob::Whole);
-        let points = whole().map(|ball| ball.points).max().unwrap_or(0);
+        let whole = || fits.iter().flatten().filter(|found| found.detection.blob == Blob::Whole);
+        let points = whole().map(|found| found.detection.points).max().unwrap_or(0);
         if points >= FEWEST_POINTS {
             self.balls += 1;
-            let square = |ball: &Detection| ball.residual_rms * ball.residual_rms;
-            let least = whole().map(square).fold(f64::INFINITY, f64::min);
+            let [least, refused] = whole().fold([f64::INFINITY; 2], |[least, refused], found| {
+                let largest = LARGEST_RESIDUAL * Noise::default().axial(found.detection.center.z);
+                [least.min(found.least_square), refused.min(largest * largest)]
+            });
             // Neighbours share their noise: if each point counted as if by itself, noise would decide.
             let weight = 0.5 * f64::from(points) / (Noise::KINECT[0] * Noise::KINECT[1]) as f64;
             for (misfit, fit) in self.misfit.iter_mut().zip(&fits) {
-                *misfit += weight * log(fit.as_ref().map_or(REFUSED, |found| square(&found.detection) / least).max(1.0));
+                let square = fit.as_ref().map_or(refused, |found| found.least_square);
+                *misfit += weight * log((square / least).max(1.0));
             }
         }
         fits.into_iter().nth(self.best).flatten()
@@ -67,6 +76,7 @@ impl Matching {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::detect::Detection;
     use crate::math::{Mat3, Vec3};
 
     fn fit(residual_rms: f64) -> Found {
@@ -81,7 +91,7 @@ mod tests {
             blob: Blob::Whole,
             shape: None,
         };
-        Found { detection, cap_ratio: 1.0, outline_ratio: 1.0 }
+        Found { detection, cap_ratio: 1.0, outline_ratio: 1.0, least_square: residual_rms * residual_rms }
     }
 
     /// After how many frames that show these residuals which window is settled.

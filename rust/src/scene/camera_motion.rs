@@ -277,3 +277,29 @@ impl Seen {
         (self.track, self.flight)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_camera_that_planes_saw_move_while_nothing_was_tracked_is_uncertain_along_what_they_do_not_tell() {
+        let mut motion = CameraMotion::default();
+        let tied = Mat3::from_diagonal(&Vec3::new(0.0, 4e7, 4e7));
+        let law = crate::physics::law::FreeFallWithDrag { drag: 0.0 };
+        let gravity = Gravity::known(Vec3::new(0.0, 0.0, -9.81));
+        let mut told = Vec::<Displacement, 2>::new();
+        for (stamp, shown) in [(0, Vec3::zeros()), (500_000_000, Vec3::new(0.0, 0.03, 0.04))] {
+            motion.begin(stamp, stamp as u64, (shown, tied));
+            motion.tell((Method::Best, 0.0), &law, &gravity, true, |t| {
+                if let Told::Moved(_, displacement, _) = t {
+                    let _ = told.push(displacement);
+                }
+            });
+        }
+        let [first, second] = told.as_slice() else { panic!("{told:?}") };
+        assert!(first.covariance[(0, 0)] < 1e-6, "{first:?}");
+        assert!((second.mean - Vec3::new(0.0, 0.03, 0.04)).norm() < 1e-3, "{second:?}");
+        assert!(second.covariance[(0, 0)] > 0.04 * 0.04 && second.covariance[(1, 1)] < 1e-6, "{second:?}");
+    }
+}
