@@ -94,6 +94,10 @@ fn work() {
             )
         })
         .collect();
+    // Balls settle over how many pixels the camera matches.
+    for (_, _, frame) in balls.iter().chain(&balls) {
+        seeing.see(Image::Packed { packed: frame, packing: Packing::Eleven }, &mut detections).expect("the camera's image");
+    }
     let rounds = std::env::var(ROUNDS).map_or(1, |rounds| rounds.parse().expect("a number"));
     for (center, band, frame) in (0..rounds).flat_map(|_| &balls) {
         let whole = counted_frame(&mut seeing, frame, if tracked { std::slice::from_ref(band) } else { &[] }, &mut detections);
