@@ -189,7 +189,7 @@ def test_other_types_are_type_errors(options: Any) -> None:
 def test_what_is_assumed_of_the_camera_is_printed_as_the_source_has_it(tmp_path: Path) -> None:
     (tmp_path / "b.csv").write_text("t,x,y,z\n0,0,1,1\n0.1,0,1,1\n")
 
-    def assumed(source: str, config: object = None) -> str:
+    def assumed(source: str, config: Any = None) -> Any:
         return tomllib.loads(dump_config(source, config=config))["assume"]["camera"]
 
     assert assumed("sim:bounce") == assumed(str(tmp_path / "b.csv")) == "static"
