@@ -25,9 +25,9 @@ def in_force(config: Any = None, camera: Any = None) -> dict[str, Any]:
 
 
 def told(fields: Any) -> Any:
-    """Without what is left out, and with lists for tuples: as TOML has it."""
+    """Without what is left out or empty, and with lists for tuples: as TOML has it."""
     if isinstance(fields, dict):
-        return {key: told(value) for key, value in fields.items() if value is not None}
+        return {key: value for key, value in ((key, told(value)) for key, value in fields.items()) if value not in (None, [], {})}
     return [told(item) for item in fields] if isinstance(fields, (list, tuple)) else fields
 
 
