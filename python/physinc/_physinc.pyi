@@ -139,7 +139,7 @@ class Counters:
         """Events told."""
     @property
     def events_dropped(self) -> int:
-        """Events that a full queue swallowed (never contacts)."""
+        """Events that a full queue swallowed (never contacts), and positions of more objects than are tracked at once."""
     def to_dict(self) -> dict[str, Any]:
         """As plain Python values, the same as in JSON."""
     def __eq__(self, other: object, /) -> bool: ...

@@ -295,7 +295,7 @@ macro_rules! parts {
                 packets_invalid: u64,
                 /// Events told.
                 events: u64,
-                /// Events that a full queue swallowed (never contacts).
+                /// Events that a full queue swallowed (never contacts), and positions of more objects than are tracked at once.
                 events_dropped: u64,
             }
         }

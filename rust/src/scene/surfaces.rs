@@ -104,11 +104,14 @@ impl Surfaces {
     /// Surfaces that are well found, how high `center` (with covariance) is over each, m, and the variance of that.
     fn heights(&self, center: &Vec3, covariance: &Mat3) -> impl Iterator<Item = (&Found, f64, f64)> {
         let (center, covariance) = (*center, *covariance);
-        let living = self.found.iter().filter(|f| f.merged_into.is_none() && f.plane.normal_covariance().trace() < 0.01);
-        living.map(move |f| {
+        self.well_found().map(move |f| {
             let (height, variance) = f.plane.height(&center);
             (f, height, variance + f.plane.normal.dot(&(covariance * f.plane.normal)))
         })
+    }
+
+    fn well_found(&self) -> impl Iterator<Item = &Found> {
+        self.found.iter().filter(|f| f.merged_into.is_none() && f.plane.normal_covariance().trace() < 0.01)
     }
 
     /// Takes in a final contact; returns the surface it belongs to, and that surface's normal there.
@@ -401,8 +404,7 @@ impl Surfaces {
 
     /// Distance (m) of `p` from the surface nearest to it, known or well found, and the unit normal towards `p` there.
     pub fn nearest(&self, p: &Vec3) -> Option<(f64, Vec3)> {
-        let near = |f: &&Found| f.merged_into.is_none() && f.plane.normal_covariance().trace() < 0.01;
-        let found = self.found.iter().filter(near).map(|f| (f.plane.height(p).0, f.plane.normal)).filter(|(height, _)| *height > 0.0);
+        let found = self.well_found().map(|f| (f.plane.height(p).0, f.plane.normal)).filter(|(height, _)| *height > 0.0);
         let known = self.environment.nearest(p).map(|(distance, normal, _)| (distance, normal));
         known.into_iter().chain(found).min_by(|a, b| a.0.total_cmp(&b.0))
     }
