@@ -149,6 +149,7 @@ pub struct Area {
 }
 
 /// One image, read pixel by pixel. What lies at or beyond its limit is background.
+#[derive(Clone)]
 pub struct Frame<'f, S> {
     /// The samples, row by row.
     pub samples: &'f [S],

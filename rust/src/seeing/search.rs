@@ -17,8 +17,8 @@ use heapless::Vec;
 const FEWEST_PIXELS: u32 = 20;
 /// Likewise, rows: discs of so many pixels have more. So no component is missed where at first every so manyth row is looked at.
 pub(super) const FEWEST_ROWS: usize = 4;
-/// Rows around foreground that are looked at as well: enough to see how a ball's silhouette ends.
-const AROUND: usize = 12;
+/// Rows around foreground that are looked at as well: enough to see how a silhouette ends.
+pub(super) const AROUND: usize = 12;
 
 impl Seeing<'_> {
     /// Searches `area` for balls that lie wholly in it. False where more of the image is needed to see them as they are.
@@ -37,18 +37,19 @@ impl Seeing<'_> {
         let columns = columns.start / CHUNK * CHUNK..(columns.end.div_ceil(CHUNK) * CHUNK).min(width);
         let area = Area { rows: rows.clone(), columns };
         let before = found.len();
-        for stride in [FEWEST_ROWS, 1] {
-            self.look_at(source, &area, stride);
+        // Some rows around what may be a ball; if that is not enough, all of them.
+        for (stride, around) in [(FEWEST_ROWS, AROUND), (1, height)] {
+            self.look_at(source, &area, stride, stride - 1);
             found.truncate(before);
-            if self.search_marked(source, &area, missing, found)? {
+            if self.search_marked(source, &area, around, missing, found)? {
                 return Ok(true);
             }
         }
         Ok(false)
     }
 
-    /// Marks the foreground around every `stride`th row that shows any.
-    pub(super) fn look_at<S: Sample>(&mut self, source: &mut impl Source<S>, area: &Area, stride: usize) {
+    /// Marks the foreground in every `stride`th row, and `around` those that show any: with one less than `stride`, all of what is as high as that.
+    pub(super) fn look_at<S: Sample>(&mut self, source: &mut impl Source<S>, area: &Area, stride: usize, around: usize) {
         let Buffers { limits, marks, .. } = &mut self.buffers;
         let (width, coding) = (self.camera.width, &self.coding);
         let Area { rows, columns } = area;
@@ -72,7 +73,7 @@ impl Seeing<'_> {
                     if marks.get(seen).is_none_or(|marks| marks.is_empty()) {
                         continue;
                     }
-                    for (i, marks) in marks.iter_mut().enumerate().take(seen + AROUND + 1).skip(seen.saturating_sub(AROUND)) {
+                    for (i, marks) in marks.iter_mut().enumerate().take(seen + around + 1).skip(seen.saturating_sub(around)) {
                         if !marks.at_hand {
                             let row = rows.start + i;
                             *marks = Marks::of(source.part(row, columns.clone()), limits_of(row), columns.start, width, coding);
@@ -83,22 +84,23 @@ impl Seeing<'_> {
         );
     }
 
-    /// Searches what is marked of `area`.
+    /// Searches what is marked of `area`, and looks so many rows `around` it.
     fn search_marked<S: Sample>(
         &mut self,
         source: &mut impl Source<S>,
         area: &Area,
+        around: usize,
         missing: &[Range<usize>],
         found: &mut Vec<Found, 16>,
     ) -> Result<bool, Cluttered> {
         let Buffers { limits, marks, depths, runs, planes, .. } = &mut self.buffers;
         let Camera { width, height, .. } = self.camera;
-        let Some(marks) = marks.get(area.rows.clone()) else { return Ok(false) };
-        let frame = Frame {
-            samples: source.samples(),
+        let Some(marks) = marks.get_mut(area.rows.clone()) else { return Ok(false) };
+        let blank = Frame {
+            samples: &[],
             width,
             at_hand: area.clone(),
-            marks,
+            marks: &[],
             asked_beyond: Cell::new(false),
             limits,
             depths,
@@ -106,17 +108,29 @@ impl Seeing<'_> {
             missing,
         };
         let smallest = self.radii.iter().copied().fold(f64::INFINITY, f64::min);
-        let count = connect(&frame, width, area.rows.start, marks, View::<S>::jump(smallest), self.noise, runs)?;
+        let jump = View::<S>::jump(smallest);
+        let frame = Frame { samples: source.samples(), marks, ..blank.clone() };
+        let count = connect(&frame, width, area.rows.start, marks, jump, self.noise, runs)?;
         // What touches an edge may go on beyond.
         let inside = |first_and_last: &[u16; 2], area: &Range<usize>, end: usize| {
             let [first, last] = first_and_last.map(usize::from);
             (first > area.start || area.start == 0) && (last + 1 < area.end || area.end == end)
         };
         let whole = |c: &Component| inside(&c.rows, &area.rows, height) && inside(&c.columns, &area.columns, width);
-        let components = runs.iter().take(count).enumerate().filter_map(|(index, run)| run.component(index));
-        for component in
-            components.filter(|c| c.pixels >= FEWEST_PIXELS && usize::from(c.rows[1] - c.rows[0]) + 1 >= FEWEST_ROWS && whole(c))
-        {
+        let components = || {
+            let all = runs.iter().take(count).enumerate().filter_map(|(index, run)| run.component(index));
+            all.filter(|c| c.pixels >= FEWEST_PIXELS && usize::from(c.rows[1] - c.rows[0]) + 1 >= FEWEST_ROWS && whole(c))
+        };
+        for component in components() {
+            let [first, last] = component.rows.map(|row| usize::from(row).saturating_sub(area.rows.start));
+            for (i, marks) in marks.iter_mut().enumerate().take(last + around + 1).skip(first.saturating_sub(around)) {
+                if !core::mem::replace(&mut marks.at_hand, true) {
+                    source.part(area.rows.start + i, area.columns.clone());
+                }
+            }
+        }
+        let frame = Frame { samples: source.samples(), marks, ..blank };
+        for component in components() {
             let mut look_with = |window| {
                 let view = |radius| View { frame: &frame, camera: &self.camera, noise: Noise { window }, factors: self.factors, radius };
                 look(view, &self.radii, component, planes)

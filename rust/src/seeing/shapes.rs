@@ -1,7 +1,7 @@
 //! Foreground to things of any shape: which pieces are which thing, and where it is.
 
 use super::image::Source;
-use super::search::FEWEST_ROWS;
+use super::search::{AROUND, FEWEST_ROWS};
 use super::{Area, Buffers, Scope, Seeing};
 use crate::detect::cloud::Cloud;
 use crate::detect::components::{Cluttered, Component, Run, connect, root};
@@ -27,7 +27,7 @@ const FEWEST_PIXELS: u32 = 8;
 /// Neighbours in the image that differ by more than this in depth, besides noise, are two things, m.
 const JUMP: f64 = 0.1;
 /// Pixels around a thing that don't become background.
-const AROUND: usize = 4;
+const MARGIN: usize = 4;
 /// Pieces that touch in the image, and whose middles are this many times their radii apart, or less, are one thing: its arm, its foot on the floor.
 const BESIDE: f64 = 3.0;
 /// Without stamps, frames are taken to come at a Kinect's rate, ns.
@@ -76,7 +76,7 @@ fn union(a: &Area, b: &Area) -> Area {
 
 /// Whether areas overlap, or nearly.
 fn touch(a: &Area, b: &Area) -> bool {
-    let near = |a: &Range<usize>, b: &Range<usize>| a.start < b.end + AROUND && b.start < a.end + AROUND;
+    let near = |a: &Range<usize>, b: &Range<usize>| a.start < b.end + MARGIN && b.start < a.end + MARGIN;
     near(&a.rows, &b.rows) && near(&a.columns, &b.columns)
 }
 
@@ -131,7 +131,7 @@ impl Shapes {
 
     /// The columns of `row` in which things were seen.
     pub(super) fn kept_in(&self, row: usize) -> Vec<Range<usize>, 16> {
-        let around = |range: &Range<usize>| range.start.saturating_sub(AROUND)..range.end + AROUND;
+        let around = |range: &Range<usize>| range.start.saturating_sub(MARGIN)..range.end + MARGIN;
         self.kept.iter().filter(|area| around(&area.rows).contains(&row)).map(|area| around(&area.columns)).collect()
     }
 }
@@ -161,7 +161,7 @@ impl Seeing<'_> {
         shapes.kept.clear();
         let (camera, noise, missing) = (self.camera, self.noise, scope.missing);
         let everywhere = Area { rows: 0..camera.height, columns: 0..camera.width };
-        self.look_at(source, &everywhere, FEWEST_ROWS);
+        self.look_at(source, &everywhere, FEWEST_ROWS, AROUND);
         let Buffers { limits, marks, depths, runs, clouds, .. } = &mut self.buffers;
         let Some(marks) = marks.get(..camera.height) else { return Ok(()) };
         let frame = Frame {
