@@ -42,11 +42,14 @@ impl Thrower<'_> {
     fn seen_while_carried(&mut self, rest: &Vec3, by: &Vec3) -> Option<(Path, Move)> {
         let p = self.parameters;
         let rotation = self.pose.rotation;
-        let depth = p.distance + self.uniform(-0.2, 0.3);
+        let middle = p.distance + self.uniform(-0.2, 0.3);
         let side = if self.uniform(0.0, 1.0) < 0.5 { -1.0 } else { 1.0 };
         // It rises to near the upper edge of the view, from as far below that it stays long, beside the view.
-        let (top, rise) = (Vec3::new(0.0, -self.uniform(0.2, 0.38), 1.0) * depth, self.uniform(0.35, 0.55));
-        let below = rotation.tr_mul(&(rotation * top - Vec3::z() * (0.5 * p.gravity * rise * rise)));
+        let (ray, rise) = (Vec3::new(0.0, -self.uniform(0.2, 0.38), 1.0), self.uniform(0.35, 0.55));
+        let drop = -Vec3::z() * (0.5 * p.gravity * rise * rise);
+        // Before a tilted camera it is farther away below: by a third of that in the mean.
+        let top = ray * (middle - rotation.tr_mul(&drop).z / 3.0);
+        let below = rotation.tr_mul(&(rotation * top + drop));
         let start = rest + rotation * Vec3::new(side * (0.56 * below.z + 0.05), below.y, below.z);
         let velocity = Vec3::new(-side * self.uniform(0.9, 1.8), self.uniform(-0.2, 0.2), p.gravity * rise);
         let whole = |thrower: &Self, center: &Vec3, camera: Vec3| {
