@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     Blobs = Callable[[Mask], list[tuple[Array, Array]]]
 
 ROUNDS = 7
-SCENES = ("bounce?seed=1&distance=1.5", "room?seed=1&distance=1.5")
+SCENES = ("bounce?seed=1&distance=1.5&throws=10", "room?seed=1&distance=1.5&throws=10")
 RADIUS = 0.033  # m
 RULERS = {
     "memcpy": ("memcpy",),
@@ -230,7 +230,7 @@ def main() -> None:
     """Simulate, run all interleaved, print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("scenes", nargs="*", default=SCENES)
-    parser.add_argument("--frames", type=int, default=150)
+    parser.add_argument("--frames", type=int, default=600)
     options = parser.parse_args()
     cv2.setNumThreads(1)
     for scene in options.scenes:

@@ -19,9 +19,10 @@ use physinc::sim::Scene;
 use physinc::track::Measurement;
 
 const ROUNDS: usize = 7;
-const SCENES: [&str; 2] = ["bounce?seed=1&distance=1.5", "room?seed=1&distance=1.5"];
+const SCENES: [&str; 2] = ["bounce?seed=1&distance=1.5&throws=10", "room?seed=1&distance=1.5&throws=10"];
 const PACKING: Packing = Packing::Eleven;
-const FRAMES: usize = 150;
+/// 20 s: what is learned once a stream is a small part.
+const FRAMES: usize = 600;
 
 struct Frame {
     timestamp_ns: i64,
