@@ -7,6 +7,7 @@ use physinc::geometry::camera::{Camera, DepthCode, KINECT_DISPARITY_LAW};
 use physinc::kinect::disparity::Packing;
 use physinc::math::Vec3;
 use physinc::seeing::{Area, Band, Buffers, Image, Scope, SeeError, Seeing};
+use physinc::sim::Scene;
 use proptest::prelude::*;
 use std::ops::Range;
 
@@ -310,4 +311,24 @@ fn a_camera_that_matches_over_no_window_sees_balls_where_they_are() {
         println!("f = {f}: {seen} balls, {:.2} mm too far, NEES {nees:.2}", bias * 1e3);
         assert!(seen > 48.0 && bias.abs() < 0.7e-3 && (0.1..2.0).contains(&nees), "f = {f}: {seen} balls, {bias}, NEES {nees}");
     }
+}
+
+#[test]
+fn what_a_background_flickers_with_is_no_ball() {
+    let (mut detections, mut seen) = (heapless::Vec::<Detection, 16>::new(), 0);
+    // A floor that is seen so flatly that half of it is holes, which are others in each frame.
+    let scene = Scene::parse("room?seed=1&distance=1.5&throws=10").unwrap();
+    let (camera, truth) = (scene.camera(), scene.truth());
+    let mut seeing = Seeing::new(&camera, &ObjectConfig::default(), 15, Buffers::owned(camera.width, camera.height)).unwrap();
+    let mut frames = scene.frames();
+    for frame in &truth.frames {
+        let image = frames.next_frame().unwrap();
+        seeing.see(Image::U16(image.samples), &mut detections).unwrap();
+        for detection in &detections {
+            let mut off = frame.balls.iter().map(|ball| (Vec3::from(ball.center_in_camera) - detection.center).norm());
+            assert!(off.any(|off| off < 0.1), "{detection:?}");
+            seen += 1;
+        }
+    }
+    assert!(seen > 300, "{seen}");
 }

@@ -15,6 +15,8 @@ pub const ROUND: usize = 60;
 const STAY: u16 = 5;
 /// A limit lies this many standard deviations before the background.
 const SIGMAS: f64 = 4.0;
+/// Columns of a hole that is bridged, at most: two matching windows.
+const HOLE: usize = 2 * Noise::KINECT[0];
 /// How far known surfaces may be from where they are said to be, m.
 const SURVEY_SD: f64 = 0.005;
 
@@ -65,6 +67,25 @@ pub fn limit<S: Sample>(coding: &Coding, frames: u32, limits: &mut [u16], shown:
                 *last = (key, margin::<S>(key, coding, 0.0).map_or(behind.1, |margin| [key.saturating_sub(margin), key]));
             }
             [*second, *farthest] = last.1;
+        }
+    }
+}
+
+/// Bridges the holes of a row, up to [`HOLE`] wide, that have the same surface on both sides: what is read there now and then is that surface.
+pub fn bridge(beyond: u16, limits: &mut [u16], shown: &mut [u16]) {
+    let mut start = 0;
+    while let Some(width) = shown.get(start..).and_then(|rest| rest.iter().position(|key| *key >= beyond)) {
+        let first = start + width;
+        let Some(hole) = shown.get(first..).and_then(|rest| rest.iter().position(|key| *key < beyond)) else { return };
+        start = first + hole;
+        let Some(left) = first.checked_sub(1).filter(|_| hole <= HOLE) else { continue };
+        let side = |i: usize| Some((*limits.get(i)?, *shown.get(i)?));
+        let (Some((limit, key)), Some((other_limit, other_key))) = (side(left), side(start)) else { return };
+        if is_near(key, other_limit, other_key)
+            && let (Some(limits), Some(shown)) = (limits.get_mut(first..start), shown.get_mut(first..start))
+        {
+            limits.fill(limit.min(other_limit));
+            shown.fill(key.min(other_key));
         }
     }
 }
@@ -191,6 +212,27 @@ mod tests {
             limit_[0] + 1
         };
         looks.map(look).collect()
+    }
+
+    #[test]
+    fn a_hole_in_a_surface_is_that_surface_and_one_at_an_edge_stays() {
+        const BEYOND: u16 = 5000;
+        let wall = |keys: &[u16]| keys.iter().map(|key| if *key < BEYOND { key - 30 } else { BEYOND }).collect::<std::vec::Vec<_>>();
+        let bridged = |keys: &[u16]| {
+            let (mut limits, mut shown) = (wall(keys), keys.to_vec());
+            bridge(BEYOND, &mut limits, &mut shown);
+            assert_eq!(limits, wall(&shown));
+            shown
+        };
+        assert_eq!(bridged(&[2000, BEYOND, BEYOND, 2010, BEYOND]), [2000, 2000, 2000, 2010, BEYOND]);
+        for kept in [&[BEYOND, 2000, BEYOND, 2500][..], &[BEYOND; 4], &[2000; 4], &[]] {
+            assert_eq!(bridged(kept), kept);
+        }
+        let mut wide = [BEYOND; HOLE + 3];
+        (wide[0], wide[HOLE + 2]) = (2000, 2000);
+        assert_eq!(bridged(&wide), wide);
+        wide[HOLE + 1] = 2000;
+        assert_eq!(bridged(&wide), [2000; HOLE + 3]);
     }
 
     #[test]

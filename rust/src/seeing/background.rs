@@ -28,6 +28,9 @@ impl Seeing<'_> {
         }
         if self.seen == self.background_frames {
             background::limit::<S>(&self.coding, self.background_frames, limits, farthest);
+            let rows = limits.chunks_exact_mut(self.camera.width).zip(farthest.chunks_exact_mut(self.camera.width));
+            let beyond = first_key_beyond::<S>(&self.coding);
+            rows.for_each(|(limits, farthest)| background::bridge(beyond, limits, farthest));
             if let Some((environment, pose)) = &self.environment {
                 for (index, (limit, shown)) in limits.iter_mut().zip(farthest).enumerate() {
                     let ray = self.camera.deproject((index % self.camera.width) as f64, (index / self.camera.width) as f64, 1.0);
