@@ -5,7 +5,6 @@
 use super::packet::DEPTH_PAYLOAD;
 use crate::geometry::camera::NO_DISPARITY;
 use crate::simd::{self, Path};
-use core::ops::Range;
 
 /// Columns of a depth frame, px.
 pub const WIDTH: usize = 640;
@@ -63,23 +62,29 @@ impl Packing {
     /// # Errors
     /// Sizes that don't belong together.
     pub fn unpack(self, packed: &[u8], samples: &mut [u16]) -> Result<(), PackingError> {
-        self.unpack_part(packed, samples, 0..samples.len())
-    }
-
-    /// Unpacks only the samples with numbers in `part`, and what fills their groups of 8.
-    ///
-    /// # Errors
-    /// Sizes that don't belong together.
-    pub fn unpack_part(self, packed: &[u8], samples: &mut [u16], part: Range<usize>) -> Result<(), PackingError> {
         self.check(packed.len(), samples.len())?;
-        self.unpack_by(Path::best(), packed, samples, part.start / 8..part.end.min(samples.len()).div_ceil(8));
+        self.unpack_by(Path::best(), packed, 0, samples);
         Ok(())
     }
 
-    fn unpack_by(self, path: Path, packed: &[u8], samples: &mut [u16], groups: Range<usize>) {
+    /// Unpacks only as many samples as `samples` has room for, from number `first` on; both are multiples of 8.
+    ///
+    /// # Errors
+    /// They are not, or `packed` has no such samples.
+    pub fn unpack_part(self, packed: &[u8], first: usize, samples: &mut [u16]) -> Result<(), PackingError> {
+        let end = first.saturating_add(samples.len());
+        if !first.is_multiple_of(8) || !end.is_multiple_of(8) || packed.len() / self.bits() < end / 8 {
+            return Err(PackingError { bytes: packed.len(), samples: end });
+        }
+        self.unpack_by(Path::best(), packed, first / 8, samples);
+        Ok(())
+    }
+
+    /// From group `first` on.
+    fn unpack_by(self, path: Path, packed: &[u8], first: usize, samples: &mut [u16]) {
         match self {
-            Self::Eleven => unpack_groups::<11>(path, packed, samples, groups),
-            Self::Ten => unpack_groups::<10>(path, packed, samples, groups),
+            Self::Eleven => unpack_groups::<11>(path, packed, first, samples),
+            Self::Ten => unpack_groups::<10>(path, packed, first, samples),
         }
     }
 
@@ -104,11 +109,14 @@ impl Packing {
     }
 }
 
-fn unpack_groups<const BITS: usize>(path: Path, packed: &[u8], samples: &mut [u16], groups: Range<usize>) {
-    let done = simd::unpack::<BITS>(path, packed, samples, groups.clone());
+fn unpack_groups<const BITS: usize>(path: Path, packed: &[u8], first: usize, samples: &mut [u16]) {
+    let groups = first..first + samples.len() / 8;
+    let done = simd::unpack::<BITS>(path, packed, groups.clone(), samples);
     let (packed, samples) = (packed.as_chunks::<BITS>().0, samples.as_chunks_mut::<8>().0);
     for part in [groups.start..done.start, done.end..groups.end] {
-        let (Some(packed), Some(samples)) = (packed.get(part.clone()), samples.get_mut(part)) else { continue };
+        let (Some(packed), Some(samples)) = (packed.get(part.clone()), samples.get_mut(part.start - first..part.end - first)) else {
+            continue;
+        };
         for (group, eight) in packed.iter().zip(samples) {
             *eight = unpack_group(group);
         }
@@ -167,14 +175,12 @@ mod tests {
                 packing.unpack(&packed, &mut samples).unwrap();
                 for path in [Path::Avx2, Path::Ssse3, Path::Neon, Path::Portable] {
                     let mut same = vec![0; samples.len()];
-                    packing.unpack_by(path, &packed, &mut same, 0..groups.len());
+                    packing.unpack_by(path, &packed, 0, &mut same);
                     prop_assert_eq!(&same, &samples, "{:?}", path);
-                    let part = part.start.min(groups.len())..part.end.min(groups.len());
-                    let mut some = vec![1234; samples.len()];
-                    packing.unpack_by(path, &packed, &mut some, part.clone());
-                    for (i, (some, all)) in some.iter().zip(&samples).enumerate() {
-                        prop_assert_eq!(*some, if part.contains(&(i / 8)) { *all } else { 1234 }, "{:?}", path);
-                    }
+                    let part = 8 * part.start.min(groups.len())..8 * part.end.min(groups.len());
+                    let mut some = vec![1234; part.len()];
+                    packing.unpack_by(path, &packed, part.start / 8, &mut some);
+                    prop_assert_eq!(&some[..], &samples[part.clone()], "{:?}", path);
                 }
                 for (i, got) in samples.iter().enumerate() {
                     let bits = sample(&packed, packing.bits(), i);

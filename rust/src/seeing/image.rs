@@ -117,7 +117,7 @@ impl Source<u16> for Packed<'_> {
     #[inline]
     fn glance(&mut self, row: usize, columns: Range<usize>) -> &[u16] {
         let Some(glanced) = self.glanced.get_mut(..columns.len()) else { return &[] };
-        match self.packing.unpack(bytes(self.bytes, self.packing, row, &columns), glanced) {
+        match self.packing.unpack_part(self.bytes, row * WIDTH + columns.start, glanced) {
             Ok(()) => glanced,
             // Columns are whole groups.
             Err(_) => &[],
@@ -126,10 +126,11 @@ impl Source<u16> for Packed<'_> {
 
     #[inline]
     fn part(&mut self, row: usize, columns: Range<usize>) -> &[u16] {
-        let part = row * WIDTH + columns.start..row * WIDTH + columns.end;
-        match self.packing.unpack_part(self.bytes, self.samples, part.clone()) {
-            Ok(()) => self.samples.get(part).unwrap_or_default(),
-            // Its size was checked.
+        let first = row * WIDTH + columns.start;
+        let Some(part) = self.samples.get_mut(first..first + columns.len()) else { return &[] };
+        match self.packing.unpack_part(self.bytes, first, part) {
+            Ok(()) => part,
+            // Columns are whole groups.
             Err(_) => &[],
         }
     }

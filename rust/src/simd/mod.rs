@@ -75,24 +75,24 @@ pub fn fetch<T>(cells: &[T]) {
 /// Bytes that come from memory together.
 const LINE: usize = 64;
 
-/// Unpacks samples of `BITS` (10 or 11) bits: each of `groups` is 8 of them, in `BITS` bytes of `packed`, most significant bit first. Returns
-/// which of `groups` it has done: those at the ends may be left, as may all. Both slices begin with group 0.
+/// Unpacks samples of `BITS` (10 or 11) bits: each of `groups` is 8 of them, in `BITS` bytes of `packed`, most significant bit first; `samples` begins with the
+/// first one's. Returns which of `groups` it has done: those at the ends may be left, as may all.
 #[inline]
-pub fn unpack<const BITS: usize>(path: Path, packed: &[u8], samples: &mut [u16], groups: Range<usize>) -> Range<usize> {
+pub fn unpack<const BITS: usize>(path: Path, packed: &[u8], groups: Range<usize>, samples: &mut [u16]) -> Range<usize> {
     // Only groups that are there.
-    let end = groups.end.min(packed.len() / BITS).min(samples.len() / 8);
+    let groups = groups.start..groups.end.min(packed.len() / BITS).min(groups.start + samples.len() / 8).max(groups.start);
     let none = groups.start..groups.start;
     match path {
         _ if !path.is_here() => none,
         #[cfg(target_arch = "x86_64")]
         // SAFETY: the processor has AVX2, and the groups are in both slices.
-        Path::Avx2 => unsafe { x86::unpack_avx2::<BITS>(packed, samples, &(groups.start..end)) },
+        Path::Avx2 => unsafe { x86::unpack_avx2::<BITS>(packed, &groups, samples) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: the processor has SSSE3, and the groups are in both slices.
-        Path::Ssse3 => unsafe { x86::unpack_ssse3::<BITS>(packed, samples, &(groups.start..end)) },
+        Path::Ssse3 => unsafe { x86::unpack_ssse3::<BITS>(packed, &groups, samples) },
         #[cfg(target_arch = "aarch64")]
         // SAFETY: every aarch64 has NEON, and the groups are in both slices.
-        Path::Neon => unsafe { neon::unpack::<BITS>(packed, samples, &(groups.start..end)) },
+        Path::Neon => unsafe { neon::unpack::<BITS>(packed, &groups, samples) },
         _ => none,
     }
 }

@@ -7,9 +7,10 @@ use core::arch::aarch64::{
 use core::ops::Range;
 
 /// # Safety
-/// `groups` are in both slices.
+/// `groups` are in `packed`, and as many in `samples`.
 #[target_feature(enable = "neon")]
-pub unsafe fn unpack<const BITS: usize>(packed: &[u8], samples: &mut [u16], groups: &Range<usize>) -> Range<usize> {
+pub unsafe fn unpack<const BITS: usize>(packed: &[u8], groups: &Range<usize>, samples: &mut [u16]) -> Range<usize> {
+    let first = groups.start;
     // SAFETY: each table has the 16 bytes that are read.
     let (pairs, thirds, left) = unsafe {
         let [pairs, thirds] = [Layout::<BITS>::PAIRS, Layout::<BITS>::THIRDS].map(|table| vld1q_u8(table.as_ptr()));
@@ -28,7 +29,7 @@ pub unsafe fn unpack<const BITS: usize>(packed: &[u8], samples: &mut [u16], grou
             vorrq_u16(ten, vandq_u16(vceqq_u16(ten, vdupq_n_u16(1023)), vdupq_n_u16(1024)))
         };
         // SAFETY: the group is in `samples`.
-        unsafe { vst1q_u16(samples.as_mut_ptr().add(group * 8), eight) };
+        unsafe { vst1q_u16(samples.as_mut_ptr().add((group - first) * 8), eight) };
     }
     groups
 }

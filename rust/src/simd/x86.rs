@@ -34,9 +34,10 @@ const fn late<const BITS: usize>(bytes: [u8; 16]) -> [u8; 32] {
 }
 
 /// # Safety
-/// The processor has SSSE3; `groups` are in both slices.
+/// The processor has SSSE3; `groups` are in `packed`, and as many in `samples`.
 #[target_feature(enable = "ssse3")]
-pub unsafe fn unpack_ssse3<const BITS: usize>(packed: &[u8], samples: &mut [u16], groups: &Range<usize>) -> Range<usize> {
+pub unsafe fn unpack_ssse3<const BITS: usize>(packed: &[u8], groups: &Range<usize>, samples: &mut [u16]) -> Range<usize> {
+    let first = groups.start;
     let (pairs, thirds) = (table(&Layout::<BITS>::PAIRS), table(&Layout::<BITS>::THIRDS));
     let left = table(&Layout::<BITS>::FACTORS);
     let groups = super::readable::<BITS>(packed, groups);
@@ -53,15 +54,16 @@ pub unsafe fn unpack_ssse3<const BITS: usize>(packed: &[u8], samples: &mut [u16]
             _mm_or_si128(ten, _mm_and_si128(none, _mm_set1_epi16(1024)))
         };
         // SAFETY: the group is in `samples`.
-        unsafe { _mm_storeu_si128(samples.as_mut_ptr().add(group * 8).cast(), eight) };
+        unsafe { _mm_storeu_si128(samples.as_mut_ptr().add((group - first) * 8).cast(), eight) };
     }
     groups
 }
 
 /// # Safety
-/// The processor has AVX2; `groups` are in both slices.
+/// The processor has AVX2; `groups` are in `packed`, and as many in `samples`.
 #[target_feature(enable = "avx2")]
-pub unsafe fn unpack_avx2<const BITS: usize>(packed: &[u8], samples: &mut [u16], groups: &Range<usize>) -> Range<usize> {
+pub unsafe fn unpack_avx2<const BITS: usize>(packed: &[u8], groups: &Range<usize>, samples: &mut [u16]) -> Range<usize> {
+    let first = groups.start;
     // Of the 32 bytes that are read, the first half ends with one group, and the second begins with the next.
     let early = 16 - BITS;
     let tables = const { [late::<BITS>(Layout::<BITS>::PAIRS), late::<BITS>(Layout::<BITS>::THIRDS)] };
@@ -85,7 +87,7 @@ pub unsafe fn unpack_avx2<const BITS: usize>(packed: &[u8], samples: &mut [u16],
                 _mm256_or_si256(ten, _mm256_and_si256(none, _mm256_set1_epi16(1024)))
             };
             // SAFETY: both groups are in `samples`.
-            unsafe { _mm256_storeu_si256(samples.as_mut_ptr().add(group * 8).cast(), sixteen) };
+            unsafe { _mm256_storeu_si256(samples.as_mut_ptr().add((group - first) * 8).cast(), sixteen) };
         }
     }
     groups
