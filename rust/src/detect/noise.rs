@@ -44,6 +44,11 @@ impl Noise {
         0.0012 + 0.0019 * (z - 0.4) * (z - 0.4)
     }
 
+    /// Depth at which [`Noise::axial`] is `sd`, m.
+    pub fn reach(self, sd: f64) -> f64 {
+        0.4 + crate::math::sqrt(((sd - 0.0012) / 0.0019).max(0.0))
+    }
+
     /// Standard deviation of a silhouette's edge, px: the same, Eq. 5, of a surface that is met head-on.
     #[inline]
     pub fn lateral(self) -> f64 {

@@ -17,6 +17,8 @@ use heapless::Vec;
 const FEWEST_PIXELS: u32 = 20;
 /// Likewise, rows: discs of so many pixels have more. So no component is missed where at first every so manyth row is looked at.
 pub(super) const FEWEST_ROWS: usize = 4;
+/// A whole ball that can be measured has more than this part of the rows that it has where noise is as large as its radius.
+const OF_FARTHEST: f64 = 0.75;
 /// Rows around foreground that are looked at as well: enough to see how a silhouette ends.
 pub(super) const AROUND: usize = 12;
 
@@ -37,15 +39,24 @@ impl Seeing<'_> {
         let columns = columns.start / CHUNK * CHUNK..(columns.end.div_ceil(CHUNK) * CHUNK).min(width);
         let area = Area { rows: rows.clone(), columns };
         let before = found.len();
+        // Holes leave pieces of a ball.
+        let fewest = if missing.is_empty() { self.fewest_rows() } else { FEWEST_ROWS };
         // Some rows around what may be a ball; if that is not enough, all of them.
-        for (stride, around) in [(FEWEST_ROWS, AROUND), (1, height)] {
+        for (stride, around) in [(fewest, AROUND), (1, height)] {
             self.look_at(source, &area, stride, stride - 1);
             found.truncate(before);
-            if self.search_marked(source, &area, around, missing, found)? {
+            if self.search_marked(source, &area, fewest, around, missing, found)? {
                 return Ok(true);
             }
         }
         Ok(false)
+    }
+
+    /// Rows that a ball has, at least.
+    fn fewest_rows(&self) -> usize {
+        let rows = |radius: f64| 2.0 * radius * self.camera.fy / self.noise.reach(radius).min(self.camera.max_depth);
+        let farthest = self.radii.iter().map(|radius| rows(*radius)).fold(f64::INFINITY, f64::min);
+        ((OF_FARTHEST * farthest) as usize).max(FEWEST_ROWS)
     }
 
     /// Marks the foreground in every `stride`th row, and `around` those that show any: with one less than `stride`, all of what is as high as that.
@@ -84,11 +95,12 @@ impl Seeing<'_> {
         );
     }
 
-    /// Searches what is marked of `area`, and looks so many rows `around` it.
+    /// Searches what is marked of `area` and has the `fewest` rows, and looks so many rows `around` it.
     fn search_marked<S: Sample>(
         &mut self,
         source: &mut impl Source<S>,
         area: &Area,
+        fewest: usize,
         around: usize,
         missing: &[Range<usize>],
         found: &mut Vec<Found, 16>,
@@ -117,9 +129,12 @@ impl Seeing<'_> {
             (first > area.start || area.start == 0) && (last + 1 < area.end || area.end == end)
         };
         let whole = |c: &Component| inside(&c.rows, &area.rows, height) && inside(&c.columns, &area.columns, width);
+        let may_be_a_ball = |c: &Component| {
+            let rows = usize::from(c.rows[1] - c.rows[0]) + 1;
+            c.pixels >= FEWEST_PIXELS && rows >= fewest && whole(c)
+        };
         let components = || {
-            let all = runs.iter().take(count).enumerate().filter_map(|(index, run)| run.component(index));
-            all.filter(|c| c.pixels >= FEWEST_PIXELS && usize::from(c.rows[1] - c.rows[0]) + 1 >= FEWEST_ROWS && whole(c))
+            runs.iter().take(count).enumerate().filter_map(|(index, run)| run.component(index)).filter(|component| may_be_a_ball(component))
         };
         for component in components() {
             let [first, last] = component.rows.map(|row| usize::from(row).saturating_sub(area.rows.start));
