@@ -23,7 +23,7 @@ use physinc::geometry::motion::Motion;
 use physinc::math::Vec3;
 use solids::{Random, Solid, blob, car, disturb, draw};
 
-const PAIRS: u64 = 40;
+const PAIRS: u64 = 240;
 
 /// A view: runs of pixels side by side, as segmentation leaves them.
 struct View {

@@ -26,8 +26,6 @@ const PRIOR: (f64, f64) = (0.5, 0.5);
 pub(super) const FACING: f32 = 0.3;
 /// Cosine below which a surface is seen at a grazing angle, where noise is larger than along the ray.
 pub(super) const GRAZING: f32 = 0.25;
-/// A cell's plane leaves out what curves within it: this part of its length, as standard deviation.
-const BENT: f32 = 0.1;
 /// The rim of a round body is not the same line of it in both views: this part of its radius times the turn between them, all of it at once.
 const RIM: f64 = 0.1;
 /// A cell at the rim shares its noise with fewer around it, and counts more: as if this part were covered, at the least.
@@ -207,8 +205,6 @@ struct Weighing {
     /// Standard deviation of a silhouette's edge, px; likewise.
     lateral: f32,
     outline: f32,
-    /// Standard deviation of a cell's plane at a depth of 1 m, m.
-    bent: f32,
     /// Variance of a whole side of the silhouette, times the points on one, m² a rad².
     rim: f32,
 }
@@ -222,13 +218,11 @@ impl Weighing {
         // Readings of N pixels that share their noise over windows are worth as much as N / window.
         let surface = (pixels / (shares.shared * columns * rows + shares.own)).min(1.0);
         let outline = (2.0 * source.stride() as f64 / (columns + rows)).min(1.0);
-        let pitch = target.pitch();
         let rim = RIM * source.radius();
         Self {
             surface: surface as f32,
             lateral: noise.lateral() as f32,
             outline: outline as f32,
-            bent: BENT * 0.5 * (pitch[0] + pitch[1]),
             rim: (rim * rim) as f32 * source.outline().len() as f32 / SIDES,
         }
     }
@@ -329,9 +323,8 @@ fn surfaces(
             None => dot(&normal, &[q[0] - p[0], q[1] - p[1], q[2] - p[2]]),
         };
         let axial = noise.axial(f64::from(q[2])) as f32 * facing.abs().max(GRAZING);
-        let bent = weighing.bent * q[2];
-        let own = axial * axial / cell.views + 0.5 * bent * bent;
-        let precision = 1.0 / (own + axial * axial / views + 0.5 * bent * bent);
+        let own = axial * axial / cell.views;
+        let precision = 1.0 / (own + axial * axial / views);
         let square = residual * residual * precision;
         let weight = stands * tukey(square / within);
         if weight > 0.0 {
