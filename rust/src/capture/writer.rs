@@ -11,8 +11,8 @@ use std::vec::Vec;
 
 /// Bytes that a transfer has room for in each packet, by the endpoint's descriptor.
 const SLOT: usize = 1920;
-/// What was written is flushed after so much of the stream's time, ns.
-const FLUSH_NS: i64 = 1_000_000_000;
+/// What was written is flushed after so much of the stream's time, forward or back, ns.
+const FLUSH_NS: u64 = 1_000_000_000;
 /// The device descriptor of a Kinect's camera, model 1414: 045e:02ae, 1.0b.
 const DEVICE: [u8; 18] = [18, 1, 0, 2, 0, 0, 0, 64, 0x5e, 0x04, 0xae, 0x02, 0x0b, 0x01, 2, 1, 3, 1];
 
@@ -134,7 +134,7 @@ impl<W: Write> Writer<W> {
         let completion = Header { event: COMPLETION, length: offset, data: offset, ..submission };
         record(&mut self.out, &completion, &[&descriptors, &self.data])?;
         self.data.clear();
-        if self.arrival_ns.saturating_sub(*self.flushed_ns.get_or_insert(self.arrival_ns)) >= FLUSH_NS {
+        if self.arrival_ns.abs_diff(*self.flushed_ns.get_or_insert(self.arrival_ns)) >= FLUSH_NS {
             self.out.flush()?;
             self.flushed_ns = Some(self.arrival_ns);
         }
