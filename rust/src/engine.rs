@@ -147,7 +147,7 @@ impl<'b> Engine<'b> {
         sink: &mut dyn FnMut(Event),
     ) -> Result<(), SeeError> {
         // The frame is seen in the assembler's buffer, while the rest of the engine is at work.
-        let Some(mut assembler) = self.assembler.take() else { return Err(SeeError::Kind) };
+        let Some(mut assembler) = self.assembler.take() else { return Err(SeeError::NoPackets) };
         let mut outcome = Ok(());
         assembler.push(bytes, arrival_ns, &mut |frame| {
             if wanted(frame.timestamp_ns, Image::Packed { packed: frame.packed, packing: frame.packing }, sink) {
@@ -181,8 +181,16 @@ impl<'b> Engine<'b> {
     }
 
     fn take_in(&mut self, timestamp_ns: i64, image: Image<'_>, loss: &Loss<'_>, sink: &mut dyn FnMut(Event)) -> Result<(), SeeError> {
-        let (Some(seeing), Some(camera)) = (&mut self.seeing, &self.camera) else { return Err(SeeError::Kind) };
-        seeing.check(image)?;
+    /// Whether [`Engine::frame`] would take `image`.
+    ///
+    /// # Errors
+    /// The image is not the camera's, or there is no camera.
+    pub fn check(&self, image: Image<'_>) -> Result<(), SeeError> {
+        self.seeing.as_ref().ok_or(SeeError::NoCamera)?.check(image)
+    }
+
+        self.check(image)?;
+        let (Some(seeing), Some(camera)) = (&mut self.seeing, &self.camera) else { return Err(SeeError::NoCamera) };
         let frame = self.inputs;
         self.inputs += 1;
         self.untold += loss.packets;
