@@ -88,10 +88,11 @@ impl<'b> Engine<'b> {
                 expected: "640 (height 480) of a Kinect's disparity",
             });
         }
-        let assembler = Assembler::new(packing, packed).map_err(|error| ConfigError {
-            key: "camera.width",
-            value: error.needed as f64,
-            expected: "a buffer of so many bytes for the packed frame",
+        let (key, value) = ("packed", packed.len() as f64);
+        let assembler = Assembler::new(packing, packed).map_err(|_| ConfigError {
+            key,
+            value,
+            expected: "as many bytes as `Packing::frame_bytes` says, at least",
         })?;
         let seeing = see(config, camera, buffers)?;
         Ok(Self::with(config, Some(camera), Some(seeing), Some(assembler)))
@@ -180,7 +181,6 @@ impl<'b> Engine<'b> {
         self.take_in(timestamp_ns, image, &Loss::default(), sink)
     }
 
-    fn take_in(&mut self, timestamp_ns: i64, image: Image<'_>, loss: &Loss<'_>, sink: &mut dyn FnMut(Event)) -> Result<(), SeeError> {
     /// Whether [`Engine::frame`] would take `image`.
     ///
     /// # Errors
@@ -189,6 +189,7 @@ impl<'b> Engine<'b> {
         self.seeing.as_ref().ok_or(SeeError::NoCamera)?.check(image)
     }
 
+    fn take_in(&mut self, timestamp_ns: i64, image: Image<'_>, loss: &Loss<'_>, sink: &mut dyn FnMut(Event)) -> Result<(), SeeError> {
         self.check(image)?;
         let (Some(seeing), Some(camera)) = (&mut self.seeing, &self.camera) else { return Err(SeeError::NoCamera) };
         let frame = self.inputs;
@@ -207,11 +208,11 @@ impl<'b> Engine<'b> {
         let whole =
             seeing.see_in(image, Scope { missing: loss.missing, bands: &bands, timestamp_ns: Some(timestamp_ns) }, &mut detections)?;
         let pose = self.reasoning.world_from_camera();
-        let readout = camera.readout / (camera.height as f64 - 1.0);
+        let row_time = camera.row_time();
         let measured: Vec<Measurement, 16> = detections
             .iter()
             .map(|d| Measurement {
-                time_ns: after(timestamp_ns, d.row * readout),
+                time_ns: after(timestamp_ns, d.row * row_time),
                 center: pose.to_world(&d.center),
                 covariance: Some(pose.covariance_to_world(&d.covariance)),
                 drift: pose.covariance_to_world(&d.drift),
