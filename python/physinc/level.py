@@ -37,6 +37,7 @@ def gravity_of(source: object, level: Level | None) -> list[float] | None:
         raise ConfigError(
             f"level = 'accelerometer': {what} has none, only a live Kinect has (a recording keeps what it said in camera.toml)"
         )
+    # `kinect` is the first one, here as for the stream.
     with Motor(which or 0) as motor:
         at_rest(motor)
         gravity = motor.accelerometer(READINGS)

@@ -70,7 +70,7 @@ impl Attention {
     }
 
     fn band(&self, timestamp_ns: i64, camera: &Camera, pose: &Pose, predictor: &Predictor) -> Option<Band> {
-        let row_time = camera.readout / (camera.height as f64 - 1.0).max(1.0);
+        let row_time = camera.row_time();
         let at = |time_ns: i64| {
             let (center, covariance) = predictor.predict(time_ns);
             let center = pose.to_camera(&center);

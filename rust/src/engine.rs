@@ -88,10 +88,11 @@ impl<'b> Engine<'b> {
                 expected: "640 (height 480) of a Kinect's disparity",
             });
         }
-        let assembler = Assembler::new(packing, packed).map_err(|error| ConfigError {
-            key: "camera.width",
-            value: error.needed as f64,
-            expected: "a buffer of so many bytes for the packed frame",
+        let (key, value) = ("packed", packed.len() as f64);
+        let assembler = Assembler::new(packing, packed).map_err(|_| ConfigError {
+            key,
+            value,
+            expected: "as many bytes as `Packing::frame_bytes` says, at least",
         })?;
         let seeing = see(config, camera, buffers)?;
         Ok(Self::with(config, Some(camera), Some(seeing), Some(assembler)))
@@ -147,7 +148,7 @@ impl<'b> Engine<'b> {
         sink: &mut dyn FnMut(Event),
     ) -> Result<(), SeeError> {
         // The frame is seen in the assembler's buffer, while the rest of the engine is at work.
-        let Some(mut assembler) = self.assembler.take() else { return Err(SeeError::Kind) };
+        let Some(mut assembler) = self.assembler.take() else { return Err(SeeError::NoPackets) };
         let mut outcome = Ok(());
         assembler.push(bytes, arrival_ns, &mut |frame| {
             if wanted(frame.timestamp_ns, Image::Packed { packed: frame.packed, packing: frame.packing }, sink) {
@@ -180,9 +181,17 @@ impl<'b> Engine<'b> {
         self.take_in(timestamp_ns, image, &Loss::default(), sink)
     }
 
+    /// Whether [`Engine::frame`] would take `image`.
+    ///
+    /// # Errors
+    /// The image is not the camera's, or there is no camera.
+    pub fn check(&self, image: Image<'_>) -> Result<(), SeeError> {
+        self.seeing.as_ref().ok_or(SeeError::NoCamera)?.check(image)
+    }
+
     fn take_in(&mut self, timestamp_ns: i64, image: Image<'_>, loss: &Loss<'_>, sink: &mut dyn FnMut(Event)) -> Result<(), SeeError> {
-        let (Some(seeing), Some(camera)) = (&mut self.seeing, &self.camera) else { return Err(SeeError::Kind) };
-        seeing.check(image)?;
+        self.check(image)?;
+        let (Some(seeing), Some(camera)) = (&mut self.seeing, &self.camera) else { return Err(SeeError::NoCamera) };
         let frame = self.inputs;
         self.inputs += 1;
         self.untold += loss.packets;
@@ -199,11 +208,11 @@ impl<'b> Engine<'b> {
         let whole =
             seeing.see_in(image, Scope { missing: loss.missing, bands: &bands, timestamp_ns: Some(timestamp_ns) }, &mut detections)?;
         let pose = self.reasoning.world_from_camera();
-        let readout = camera.readout / (camera.height as f64 - 1.0);
+        let row_time = camera.row_time();
         let measured: Vec<Measurement, 16> = detections
             .iter()
             .map(|d| Measurement {
-                time_ns: after(timestamp_ns, d.row * readout),
+                time_ns: after(timestamp_ns, d.row * row_time),
                 center: pose.to_world(&d.center),
                 covariance: Some(pose.covariance_to_world(&d.covariance)),
                 drift: pose.covariance_to_world(&d.drift),

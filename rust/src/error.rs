@@ -2,10 +2,10 @@
 
 use core::fmt;
 
-/// A value of the configuration that can't be: which key, what stood there, and what may stand there.
+/// A value of the configuration, or the length of a buffer, that can't be: which key, what stood there, and what may stand there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ConfigError {
-    /// The key, as in the TOML file: `object.radius`.
+    /// The key, as in the TOML file: `object.radius`; of a buffer its field: `buffers.runs`.
     pub key: &'static str,
     /// The value that was given; NaN where it is no number.
     pub value: f64,

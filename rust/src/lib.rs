@@ -4,14 +4,15 @@
 //! ```text
 //! a Kinect's packets ─ kinect ─ stream ─┐
 //! depth frames ─────────────────────────┴─ detect ─ (seeing) ─┐
-//!                                                             ├─ track ─ physics ─ scene ─ (reasoning) ─ events
+//!                                                             ├─ track ─ scene ─ (reasoning) ─ events
 //! positions by any tracker ───────────────────────────────────┘
 //!            (engine: all of it)        capture, source ─ run ─ python: where input comes from, where events go
+//!            geometry: below all of it; physics: below track and scene
 //! ```
 //!
 //! [`stream::assembler::Assembler`] turns packets into frames, [`seeing::Seeing`] frames into positions, [`reasoning::Reasoning`] positions
 //! into [`event::Event`]s, [`engine::Engine`] does it all. They are handed their input with its time and hand events to a sink: they open nothing, read no clock and allocate nothing, so
-//! the same input gives the same events to the last bit. A layer uses only those on its left.
+//! the same input gives the same events to the last bit. A layer uses only those on its left and below it; `CONTRIBUTING.md` has the table.
 //!
 //! ```
 //! use physinc::{config::Config, engine::Engine, event::Kind, seeing::Image};

@@ -312,6 +312,25 @@ fn what_was_flushed_survives_and_names_do_not_matter() {
     fs::remove_dir_all(&folder).expect("ours");
 }
 
+#[test]
+fn a_host_whose_clock_goes_back_has_its_capture_flushed() {
+    struct Flushes(usize);
+    impl std::io::Write for Flushes {
+        fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+            Ok(bytes.len())
+        }
+        fn flush(&mut self) -> std::io::Result<()> {
+            self.0 += 1;
+            Ok(())
+        }
+    }
+    let mut writer = Writer::new(Flushes(0)).expect("takes all");
+    for tenth in (0..30).rev() {
+        writer.packet(&[0; 12], tenth * 100_000_000).expect("takes all");
+    }
+    assert_eq!(writer.finish().expect("takes all").0, 3, "twice, and at the end");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 

@@ -6,8 +6,9 @@ use packets::{packets, ticks};
 use physinc::config::Config;
 use physinc::engine::Engine;
 use physinc::event::{Counters, Event, Gap, GapReason, Kind};
+use physinc::geometry::camera::Camera;
 use physinc::kinect::disparity::Packing;
-use physinc::seeing::Image;
+use physinc::seeing::{Buffers, Image, SeeError, Slice};
 use physinc::sim::Scene;
 
 /// Stamp, samples and packets of each frame of a scene, as the device's clock tells the time.
@@ -107,4 +108,26 @@ fn holes_neither_break_a_background_nor_bend_a_ball() {
     }
     assert!(holed_centers.len() * 10 > whole_centers.len() * 9, "{} of {} positions", holed_centers.len(), whole_centers.len());
     assert_eq!(contacts(&holed), contacts(&whole));
+}
+
+#[test]
+fn what_an_engine_was_not_made_for_is_said() {
+    let (scene, config) = (Scene::parse("bounce").expect("a scene"), Config::default());
+    let camera = scene.camera();
+    let mut for_frames = Engine::new(&config, Some(&camera)).expect("a camera");
+    assert_eq!(for_frames.packet(&[0; 12], 0, &mut |_| {}), Err(SeeError::NoPackets));
+    let mut for_positions = Engine::new(&config, None).expect("no camera");
+    assert_eq!(for_positions.frame(0, Image::U16(&[0; 16]), &mut |_| {}), Err(SeeError::NoCamera));
+    assert_eq!(for_positions.counters(), Counters::default());
+    let (buffers, mut packed) = (Buffers::owned(camera.width, camera.height), [0; 100]);
+    let error = Engine::for_packets(&config, &camera, Packing::Eleven, buffers, Slice::Borrowed(&mut packed)).err();
+    let said = "packed = 100: expected as many bytes as `Packing::frame_bytes` says, at least";
+    assert_eq!(error.expect("too small").to_string(), said);
+}
+
+/// One row has no next one: its time is the frame's.
+#[test]
+fn an_image_of_one_row_is_read_at_its_stamp() {
+    let camera = Camera { height: 1, readout: 0.03, ..Scene::parse("bounce").expect("a scene").camera() };
+    assert!((0.0 * camera.row_time()).abs() < f64::EPSILON);
 }

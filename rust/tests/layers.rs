@@ -3,66 +3,34 @@
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
-/// What every module may use.
-const COMMON: &[&str] = &["time", "error", "config", "event", "math", "simd"];
+/// The modules of a row, and which modules or items they may use beside the first row's and themselves.
+type Row = (Vec<String>, Vec<String>);
 
-/// Each other module, and which modules or items it may use beside [`COMMON`] and itself.
-const LAYERS: &[(&str, &[&str])] = &[
-    // The law from disparity to depth stands with the camera model.
-    ("kinect", &["geometry"]),
-    ("stream", &["kinect"]),
-    ("capture", &["kinect"]),
-    ("geometry", &[]),
-    ("detect", &["geometry"]),
-    ("physics", &["geometry"]),
-    ("track", &["geometry", "detect", "physics"]),
-    ("scene", &["geometry", "physics", "track"]),
-    ("seeing", &["kinect", "stream", "geometry", "detect", "physics", "track", "scene"]),
-    ("reasoning", &["kinect", "stream", "geometry", "detect", "physics", "track", "scene"]),
-    ("timeline", &[]),
-    ("attention", &["geometry", "detect", "track", "seeing", "reasoning"]),
-    ("engine", &["timeline", "attention", "kinect", "stream", "geometry", "detect", "physics", "track", "scene", "seeing", "reasoning"]),
-    // What it hands on are images and measurements.
-    (
-        "source",
-        &["kinect", "stream", "capture", "geometry", "config_file", "seeing::Image", "seeing::SeeError", "track::Measurement", "sim"],
-    ),
-    ("mesh_file", &["geometry"]),
-    ("config_file", &["geometry", "mesh_file"]),
-    ("run", &["kinect::disparity", "geometry", "physics::own", "engine", "reasoning::Predictor", "seeing", "source"]),
-    // Never an estimator: it makes what estimators are judged by.
-    ("sim", &["geometry", "kinect", "capture"]),
-    (
-        "python",
-        &[
-            "kinect",
-            "stream",
-            "geometry",
-            "detect",
-            "physics",
-            "track",
-            "scene",
-            "seeing",
-            "reasoning",
-            "engine",
-            "source",
-            "sim",
-            "run",
-            "config_file",
-        ],
-    ),
-];
-
-/// What a module may use beside itself; `None` where it stands in no layer.
-fn allowed(module: &str) -> Option<Vec<&'static str>> {
-    if COMMON.contains(&module) {
-        // `config` asks the camera whether a pose is rigid.
-        return Some([COMMON, &["geometry"]].concat());
+/// The table's rows that are of `rust/src`, from top to bottom.
+fn layers() -> Vec<Row> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("CONTRIBUTING.md");
+    let text = fs::read_to_string(path).expect("CONTRIBUTING.md is there");
+    let mut rows: Vec<Row> = Vec::new();
+    for line in text.lines() {
+        let Some((folder, rest)) = line.strip_prefix("| `rust/src/").and_then(|row| row.split_once('`')) else { continue };
+        let names = folder.trim_end_matches('/').trim_end_matches(".rs").trim_matches(['{', '}']);
+        let below = rest.trim_end_matches('|').rsplit_once('|').map_or("", |(_, below)| below.trim());
+        let below = match below {
+            "all above" => rows.iter().flat_map(|(modules, _)| modules.clone()).collect(),
+            below => below.split(',').map(|name| name.trim().into()).collect(),
+        };
+        rows.push((names.split(',').map(Into::into).collect(), below));
     }
-    LAYERS.iter().find(|(name, _)| *name == module).map(|(_, below)| [COMMON, *below].concat())
+    rows
 }
 
-/// The paths that code names: `crate::x::y` anywhere, and each of a group `crate::{x::y, z}`. Comments and the tests at a file's end don't count.
+/// What a module may use beside itself; `None` where it stands in no layer.
+fn allowed(rows: &[Row], module: &str) -> Option<Vec<String>> {
+    let (_, below) = rows.iter().find(|(modules, _)| modules.iter().any(|name| name == module))?;
+    Some(rows.iter().take(1).flat_map(|(common, _)| common).chain(below).cloned().collect())
+}
+
+/// The paths that code names: `crate::x::y` anywhere, and each of a group `crate::{x::y, z}`. Comments and tests, at a file's end or in one of their own, don't count.
 fn used_paths(text: &str) -> Vec<String> {
     let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or(text);
     let code: Vec<_> = code.lines().filter(|line| !line.trim_start().starts_with("//")).collect();
@@ -92,15 +60,16 @@ fn group(text: &str) -> Vec<String> {
 
 /// Uses in the file `path` (relative to `rust/src`) that its layer may not.
 fn violations(path: &str, text: &str) -> Vec<String> {
+    let rows = layers();
     let module = path.split(['/', '.']).next().unwrap_or_default();
-    if module == "lib" {
+    if module == "lib" || path.ends_with("/tests.rs") {
         return Vec::new();
     }
-    let Some(allowed) = allowed(module) else {
+    let Some(allowed) = allowed(&rows, module) else {
         return vec![format!("{path}: {module} stands in no layer")];
     };
     let inside = |used: &str, outer: &str| used.strip_prefix(outer).is_some_and(|rest| rest.is_empty() || rest.starts_with("::"));
-    let is_module = |used: &str| COMMON.iter().chain(LAYERS.iter().map(|(module, _)| module)).any(|module| inside(used, module));
+    let is_module = |used: &str| rows.iter().flat_map(|(modules, _)| modules).any(|module| inside(used, module));
     used_paths(text)
         .into_iter()
         .filter(|used| is_module(used) && !inside(used, module) && !allowed.iter().any(|outer| inside(used, outer)))
@@ -134,6 +103,29 @@ fn modules_use_only_the_layers_below_them() {
         })
         .collect();
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// Every module has its row, those of the core stand above the others, and each name in the last column is one.
+#[test]
+fn the_table_is_read_whole() {
+    let rows = layers();
+    let names: Vec<_> = rows.iter().flat_map(|(modules, _)| modules.iter().map(String::as_str)).collect();
+    let (text, mut core) = (fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("rust/src/lib.rs")).expect("readable"), 0);
+    let mut before = "";
+    for line in text.lines() {
+        if let Some(module) = line.trim_start_matches("pub ").strip_prefix("mod ") {
+            let module = module.trim_end_matches(';');
+            let place = names.iter().position(|name| *name == module).unwrap_or_else(|| panic!("{module} stands in no layer"));
+            let engine = names.iter().position(|name| *name == "engine").expect("there is an engine");
+            assert_eq!(before.starts_with("#[cfg(feature"), place > engine, "{module} is of the core, or needs a feature");
+            core += usize::from(place <= engine);
+        }
+        before = line;
+    }
+    assert!(core > 10);
+    for name in rows.iter().flat_map(|(_, below)| below).filter(|name| !name.is_empty() && *name != "each other") {
+        assert!(names.contains(&name.split(':').next().unwrap_or_default()), "{name} is no module");
+    }
 }
 
 #[test]

@@ -2,11 +2,12 @@
 
 use physinc::config::{CameraConfig, Config, ObjectConfig, Radii, TrackingConfig};
 use physinc::detect::Detection;
+use physinc::detect::components::Run;
 use physinc::engine::Engine;
 use physinc::geometry::camera::{Camera, DepthCode, KINECT_DISPARITY_LAW};
 use physinc::kinect::disparity::Packing;
 use physinc::math::Vec3;
-use physinc::seeing::{Area, Band, Buffers, Image, Scope, SeeError, Seeing};
+use physinc::seeing::{Area, Band, Buffers, Image, Scope, SeeError, Seeing, Slice};
 use physinc::sim::Scene;
 use proptest::prelude::*;
 use std::ops::Range;
@@ -183,7 +184,12 @@ fn what_is_no_image_of_the_camera_is_an_error() {
     assert_eq!(seeing.see(Image::F32(&[]), &mut detections), Err(SeeError::Size { expected: 4800, found: 0 }));
     assert_eq!(seeing.see(Image::U16(&image), &mut detections), Ok(()));
     assert_eq!(seeing.see(Image::F32(&vec![0.0; 4800]), &mut detections), Err(SeeError::Kind));
-    assert!(Seeing::new(&camera, &ObjectConfig::default(), 0, Buffers::owned(79, 60)).is_err());
+    let mut buffers = Buffers::owned(camera.width, camera.height);
+    buffers.runs = Slice::Owned(vec![Run::default(); 7]);
+    let error = Seeing::new(&camera, &ObjectConfig::default(), 0, buffers).err().expect("too small");
+    assert_eq!(error.to_string(), "buffers.runs = 7: expected as many elements as `Buffers::required` says, at least");
+    let error = Seeing::new(&camera, &ObjectConfig::default(), 0, Buffers::owned(79, 60)).err().expect("too small");
+    assert_eq!((error.key, error.value), ("buffers.limits", 79.0 * 60.0));
 }
 
 #[test]

@@ -4,13 +4,11 @@ use super::urb::{COMPLETION, SUBMISSION, Urb};
 use crate::kinect::calibration::ZeroPlane;
 use crate::kinect::command::{Command, HEADER, Reply, code};
 use crate::kinect::disparity::Packing;
+use crate::kinect::model::Model;
 use std::vec::Vec;
 
 /// More devices than all buses of a machine have.
 const MOST_DEVICES: usize = 1 << 10;
-/// Vendor, and products: the camera of a Kinect, and of a Kinect for Windows.
-const VENDOR: u16 = 0x045e;
-const CAMERAS: [u16; 2] = [0x02ae, 0x02bf];
 /// The register of the format of depth, and its value for 10 bits.
 const FORMAT: [u8; 2] = [0x12, 0];
 const TEN_BITS: [u8; 2] = [2, 0];
@@ -50,8 +48,8 @@ impl Device {
             }
             (COMPLETION, 0x80) => match data {
                 [18, 1, ..] if data.len() == 18 => {
-                    let [vendor, product] = [8, 10].map(|at| u16::from_le_bytes([data[at], data[at + 1]]));
-                    self.is_camera = vendor == VENDOR && CAMERAS.contains(&product);
+                    let [vendor, product, release] = [8, 10, 12].map(|at| u16::from_le_bytes([data[at], data[at + 1]]));
+                    self.is_camera = Model::of(vendor, product, release).is_some();
                 }
                 _ => self.reply(data),
             },

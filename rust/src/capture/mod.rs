@@ -14,6 +14,3 @@ mod writer;
 pub use output::{Output, occupied};
 pub use packets::Packets;
 pub use writer::Writer;
-
-/// The endpoint that sends depth.
-const DEPTH_ENDPOINT: u8 = 0x82;

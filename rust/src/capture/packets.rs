@@ -1,12 +1,12 @@
 //! The depth packets of the first Kinect in a capture.
 
-use super::DEPTH_ENDPOINT;
 use super::bus::Bus;
 use super::records::Records;
 use super::unpacked;
 use super::urb::{Absent, COMPLETION, CONTROL, ISOCHRONOUS, Urb};
 use crate::kinect::calibration::ZeroPlane;
 use crate::kinect::disparity::Packing;
+use crate::kinect::model::DEPTH_ENDPOINT;
 use crate::kinect::packet::{DEPTH_PAYLOAD, Header, Packet, Place, Stream};
 use core::ops::Range;
 use std::boxed::Box;

@@ -1,18 +1,18 @@
 //! Packets into a capture: pcapng, link type 220, as usbmon tells of a camera that is being read.
 
+use super::Output;
 use super::urb::{COMPLETION, CONTROL, DESCRIPTOR, Header, ISOCHRONOUS, MOST_PACKETS, SUBMISSION, descriptor};
-use super::{DEPTH_ENDPOINT, Output};
 use crate::kinect::calibration::ZeroPlane;
 use crate::kinect::command::{Command, HEADER, REPLY_SIZE, Reply, code};
 use crate::kinect::disparity::Packing;
+use crate::kinect::model::{DEPTH_ENDPOINT, SLOT};
+use crate::kinect::session::depth_registers;
 use std::io::{self, Write};
 use std::path::Path;
 use std::vec::Vec;
 
-/// Bytes that a transfer has room for in each packet, by the endpoint's descriptor.
-const SLOT: usize = 1920;
-/// What was written is flushed after so much of the stream's time, ns.
-const FLUSH_NS: i64 = 1_000_000_000;
+/// What was written is flushed after so much of the stream's time, forward or back, ns.
+const FLUSH_NS: u64 = 1_000_000_000;
 /// The device descriptor of a Kinect's camera, model 1414: 045e:02ae, 1.0b.
 const DEVICE: [u8; 18] = [18, 1, 0, 2, 0, 0, 0, 64, 0x5e, 0x04, 0xae, 0x02, 0x0b, 0x01, 2, 1, 3, 1];
 
@@ -73,8 +73,7 @@ impl<W: Write> Writer<W> {
             self.command(code::FIXED_PARAMETERS, &[0; 2], &fixed_parameters, at_ns)?;
             self.command(code::MODE_PARAMETERS, &[0, 0, 0, 0, 1, 0, 0x1e, 0, 0, 0], &shift, at_ns)?;
         }
-        let format = if packing == Packing::Ten { 2 } else { 3 };
-        for (register, value) in [(0x105, 0), (0x06, 0), (0x12, format), (0x13, 1), (0x14, 0x1e), (0x06, 2), (0x17, 0)] {
+        for (register, value) in depth_registers(packing) {
             let [[a, b], [c, d]] = [register, value].map(u16::to_le_bytes);
             self.command(code::WRITE_REGISTER, &[a, b, c, d], &[], at_ns)?;
         }
@@ -134,7 +133,7 @@ impl<W: Write> Writer<W> {
         let completion = Header { event: COMPLETION, length: offset, data: offset, ..submission };
         record(&mut self.out, &completion, &[&descriptors, &self.data])?;
         self.data.clear();
-        if self.arrival_ns.saturating_sub(*self.flushed_ns.get_or_insert(self.arrival_ns)) >= FLUSH_NS {
+        if self.arrival_ns.abs_diff(*self.flushed_ns.get_or_insert(self.arrival_ns)) >= FLUSH_NS {
             self.out.flush()?;
             self.flushed_ns = Some(self.arrival_ns);
         }

@@ -6,6 +6,7 @@
 
 use super::foreground::{Coding, NO_KEY, Sample, first_key_beyond, key_at, nearest};
 use super::noise::Noise;
+use crate::geometry::environment::SURVEY_SD;
 use crate::simd::widest;
 use core::ops::Range;
 
@@ -17,9 +18,6 @@ const STAY: u16 = 5;
 const SIGMAS: f64 = 4.0;
 /// Columns of a hole that is bridged, at most: two matching windows.
 const HOLE: usize = 2 * Noise::KINECT[0];
-/// How far known surfaces may be from where they are said to be, m.
-const SURVEY_SD: f64 = 0.005;
-
 /// Pixels that are looked at together where nothing happens.
 const CHUNK: usize = 128;
 

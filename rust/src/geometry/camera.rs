@@ -217,6 +217,12 @@ impl Camera {
         Vec3::new((column - self.cx) / self.fx * z, (row - self.cy) / self.fy * z, z)
     }
 
+    /// Time from one row's readout to the next one's, s.
+    #[inline]
+    pub fn row_time(&self) -> f64 {
+        self.readout / (self.height as f64 - 1.0).max(1.0)
+    }
+
     /// Column and row (px) of a point of the camera frame; `None` where it is not in front of the camera.
     #[inline]
     pub fn project(&self, p: &Vec3) -> Option<(f64, f64)> {

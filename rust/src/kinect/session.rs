@@ -16,6 +16,15 @@ const MOST_STALE: usize = 16;
 /// Bytes of the longest command.
 const COMMAND_SIZE: usize = HEADER + 10;
 
+/// The registers, and their values, that let depth flow, 640 × 480, 30 frames a second.
+pub const fn depth_registers(packing: Packing) -> [(u16, u16); 7] {
+    let format = match packing {
+        Packing::Eleven => 3,
+        Packing::Ten => 2,
+    };
+    [(0x105, 0), (0x06, 0), (0x12, format), (0x13, 1), (0x14, 30), (0x06, 2), (0x17, 0)]
+}
+
 /// The control endpoint of a camera.
 pub trait Control {
     /// Why a transfer failed.
@@ -126,11 +135,7 @@ impl<C: Control> Session<C> {
     /// # Errors
     /// The first command that failed.
     pub fn start_depth(&mut self, packing: Packing) -> Result<(), SessionError<C::Error>> {
-        let format = match packing {
-            Packing::Eleven => 3,
-            Packing::Ten => 2,
-        };
-        self.write(&[(0x105, 0), (0x06, 0), (0x12, format), (0x13, 1), (0x14, 30), (0x06, 2), (0x17, 0)])
+        self.write(&depth_registers(packing))
     }
 
     /// Lets video flow, 30 images a second. Whoever wants all of it has its transfers submitted before.

@@ -137,6 +137,10 @@ impl Run {
             }
             !late
         };
+        // What can't be seen begins no stream.
+        if let Input::Frame { image, .. } = input {
+            engine.check(image)?;
+        }
         let mut arrival = None;
         match input {
             Input::Frame { timestamp_ns, image } if admit(timestamp_ns, Some(image), &mut tell) => {
@@ -259,6 +263,8 @@ impl From<&Camera> for CameraModel {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::CameraConfig;
+    use crate::geometry::camera::DepthCode;
     use crate::math::Vec3;
     use crate::source::measurement;
     use std::vec::Vec;
@@ -320,5 +326,30 @@ mod tests {
     #[test]
     fn a_stream_without_input_tells_nothing() {
         assert!(names(Options::default(), &[]).is_empty());
+    }
+
+    #[test]
+    fn a_stream_begins_with_the_first_image_that_can_be_seen() {
+        let keys = CameraConfig {
+            width: Some(16),
+            height: Some(16),
+            fx: Some(20.0),
+            fy: Some(20.0),
+            cx: Some(7.5),
+            cy: Some(7.5),
+            ..CameraConfig::default()
+        };
+        let camera = Camera::from_config(&keys, DepthCode::Depth { units_per_metre: 1000.0 }).unwrap();
+        let mut run = Run::new("test", &Config::default(), Some(camera), Options::default()).unwrap();
+        let frame = |timestamp_ns, samples| Input::Frame { timestamp_ns, image: Image::U16(samples) };
+        assert_eq!(Step::input(&mut run, frame(3, &[0; 255])).unwrap_err(), SeeError::Size { expected: 256, found: 255 });
+        assert!(!run.has_begun() && run.counters() == Counters::default());
+        let first = Step::input(&mut run, frame(5, &[0; 256])).unwrap().unwrap();
+        assert!(matches!(&first.events[..], [Event { timestamp_ns: 5, kind: Kind::StreamStarted(_), .. }]));
+        assert!(Step::input(&mut run, frame(7, &[])).is_err());
+        let last = Step::end(&mut run, EndReason::Disconnected);
+        assert!(
+            matches!(last.events.last(), Some(Event { timestamp_ns: 5, kind: Kind::StreamEnded(end), .. }) if end.counters.events == 2)
+        );
     }
 }

@@ -11,7 +11,7 @@ use heapless::Vec;
 
 /// Contacts that are remembered; the oldest goes first.
 pub const PATCHES: usize = 64;
-/// Surfaces of a stream.
+/// Surfaces that are found at a time; one that has merged is forgotten as soon as that is told.
 const SURFACES: usize = 32;
 /// χ² beyond which a contact is not on a plane (three observations).
 const GATE: f64 = 25.0;
@@ -31,8 +31,6 @@ struct Found {
     plane: Plane,
     merged_into: Option<u32>,
     told: bool,
-    /// It was told that it has merged.
-    over: bool,
     /// Contacts that are forgotten; the plane was fitted to them once.
     forgotten: u32,
 }
@@ -216,7 +214,9 @@ impl Surfaces {
             None if alone.level => (None, alone),
             None => return,
         };
-        if self.found.push(Found { id: self.next, plane, merged_into: None, told: false, over: false, forgotten: 0 }).is_ok() {
+        // Nobody heard of what has merged at once, and nothing is on it.
+        self.found.retain(|f| f.merged_into.is_none() || f.told);
+        if self.found.push(Found { id: self.next, plane, merged_into: None, told: false, forgotten: 0 }).is_ok() {
             self.patches[index].1 = Some(self.next);
             if let Some(i) = partner {
                 self.patches[i].1 = Some(self.next);
@@ -319,14 +319,15 @@ impl Surfaces {
         let rank = |i: usize| (self.found[i].merged_into.is_some(), self.found[i].plane.offset);
         order.sort_unstable_by(|a, b| rank(*a).0.cmp(&rank(*b).0).then(rank(*a).1.total_cmp(&rank(*b).1)));
         for i in order {
-            let Found { merged_into, told, over, .. } = self.found[i];
+            let Found { merged_into, told, .. } = self.found[i];
             let gone = merged_into.is_some();
             // Nobody heard of what has merged at once.
-            if !over && (told || !gone) {
+            if told || !gone {
                 out(self.describe(&self.found[i], up), last || gone);
-                (self.found[i].told, self.found[i].over) = (true, gone);
+                self.found[i].told = true;
             }
         }
+        self.found.retain(|f| f.merged_into.is_none());
     }
 
     fn known(&self, id: u32, known: &KnownSurface, up: &Up) -> Surface {
@@ -444,5 +445,26 @@ mod tests {
         assert_eq!(heights(patch(1.5, 0.4, -0.008, 0.4)), [-8.0, 0.0]);
         assert_eq!(heights(patch(0.5, 0.4, 0.008, 0.4)), [0.0, 8.0]);
         assert_eq!(heights(patch(0.5, 0.4, -0.4, 0.4)), [-400.0, 0.0]);
+    }
+
+    #[test]
+    fn a_stream_goes_on_beyond_as_many_surfaces_as_there_is_room_for() {
+        let mut surfaces = Surfaces::new(&EnvironmentConfig::default(), false);
+        let (mut ids, mut merged) = (std::collections::BTreeSet::new(), 0);
+        for level in (0..SURFACES - 1).map(|i| 0.3 * i as f64) {
+            // Touched first a little below what is then touched around it: until the last of these they are two surfaces.
+            for (x, y, lower) in [(0.5, 0.4, 0.008), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (0.0, 1.0, 0.0)] {
+                let touched = surfaces.add(patch(x, y, level - lower, 0.4), &UP);
+                assert!(touched.is_some(), "at {level} m, after {} surfaces", ids.len());
+                surfaces.tell(&UP, false, |surface, is_final| {
+                    merged += usize::from(surface.merged_into.is_some());
+                    assert_eq!(is_final, surface.merged_into.is_some());
+                    ids.insert(surface.id);
+                });
+            }
+        }
+        let mut living = 0;
+        surfaces.tell(&UP, true, |surface, _| living += usize::from(surface.merged_into.is_none()));
+        assert!(merged > 5 && ids.len() > SURFACES && living + merged == ids.len(), "{living} + {merged} of {}", ids.len());
     }
 }

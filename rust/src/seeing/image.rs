@@ -41,6 +41,10 @@ pub enum SeeError {
     Packed,
     /// The stream began with the other kind of samples.
     Kind,
+    /// The engine has no camera: it was made for positions.
+    NoCamera,
+    /// The engine was made for frames or positions, not for packets.
+    NoPackets,
 }
 
 impl core::fmt::Display for SeeError {
@@ -50,6 +54,8 @@ impl core::fmt::Display for SeeError {
             Self::Bytes { expected, found } => write!(f, "the packed frame has {found} bytes instead of {expected}"),
             Self::Packed => write!(f, "only a camera of {WIDTH} × {HEIGHT} pixels of disparity packs its samples"),
             Self::Kind => write!(f, "a stream of integer samples can't change to floating point, nor back"),
+            Self::NoCamera => write!(f, "an image for an engine without a camera: make it with `Engine::for_frames`"),
+            Self::NoPackets => write!(f, "a packet for an engine that takes none: make it with `Engine::for_packets`"),
         }
     }
 }

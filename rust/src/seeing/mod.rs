@@ -95,17 +95,19 @@ impl<'b> Seeing<'b> {
             return Err(ConfigError { key: "camera.width", value: camera.width as f64, expected: "1 to 8192 px, and so the height" });
         }
         let sizes = Buffers::required(camera.width, camera.height);
-        let enough = buffers.limits.len() >= sizes.pixels
-            && buffers.farthest.len() >= sizes.pixels
-            && buffers.strangers.len() >= sizes.pixels
-            && buffers.samples.len() >= sizes.samples
-            && buffers.depths.len() >= sizes.depths
-            && buffers.marks.len() >= sizes.rows
-            && buffers.runs.len() >= sizes.runs
-            && buffers.planes.len() >= sizes.planes
-            && (!any || buffers.clouds.len() >= sizes.clouds);
-        if !enough {
-            return Err(ConfigError { key: "camera.width", value: camera.width as f64, expected: "buffers of the camera's size" });
+        let lengths = [
+            ("buffers.limits", buffers.limits.len(), sizes.pixels),
+            ("buffers.farthest", buffers.farthest.len(), sizes.pixels),
+            ("buffers.strangers", buffers.strangers.len(), sizes.pixels),
+            ("buffers.samples", buffers.samples.len(), sizes.samples),
+            ("buffers.depths", buffers.depths.len(), sizes.depths),
+            ("buffers.marks", buffers.marks.len(), sizes.rows),
+            ("buffers.runs", buffers.runs.len(), sizes.runs),
+            ("buffers.planes", buffers.planes.len(), sizes.planes),
+            ("buffers.clouds", buffers.clouds.len(), if any { sizes.clouds } else { 0 }),
+        ];
+        if let Some((key, length, _)) = lengths.into_iter().find(|(_, length, needed)| length < needed) {
+            return Err(ConfigError { key, value: length as f64, expected: "as many elements as `Buffers::required` says, at least" });
         }
         let coding = Coding::new(camera);
         coding.tabulate(&mut buffers.depths);

@@ -1,6 +1,8 @@
 //! Planes in a grid of inverse depths: they grow from flat blocks of cells.
 //!
-//! As in [`super::structure`] they are looked for where noise is even, in inverse depth: 1/z = w · ray.
+//! As in [`super::structure`] they are looked for where noise is even, in inverse depth: 1/z = w · ray. There random tries find the few largest
+//! planes in one frame, before the camera has moved on; here it stands still, and the small ones that a ball may touch count as well: they grow
+//! one after the other over many frames.
 
 use super::structure::{GATE, noise};
 use crate::geometry::camera::Camera;

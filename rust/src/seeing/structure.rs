@@ -5,10 +5,12 @@
 
 use super::Seeing;
 use super::image::Source;
+use super::planes::Sums;
 use crate::detect::background;
 use crate::detect::foreground::{Sample, first_key_beyond};
 use crate::detect::noise::Noise;
 use crate::geometry::camera::{Camera, Pose};
+use crate::geometry::environment::Plane;
 use crate::math::{Mat3, Vec3, sqrt};
 use heapless::Vec;
 
@@ -32,12 +34,6 @@ const FIRST: u32 = 15;
 /// No displacement is known better than this, m: a sensor's own warp moves with what it sees.
 const WARP: f64 = 2e-4;
 
-/// A plane: w = n/h as the first frame showed it, camera axes.
-#[derive(Clone, Copy, Debug)]
-struct Plane {
-    w: Vec3,
-}
-
 /// Of each plane the unit normal (camera axes), how far the camera has moved along it (m), and the standard deviation of that.
 pub(super) type Shown = Vec<(Vec3, f64, f64), PLANES>;
 
@@ -45,7 +41,7 @@ pub(super) type Shown = Vec<(Vec3, f64, f64), PLANES>;
 const LEVELS: usize = 2048;
 const NEAREST: f64 = 0.4;
 
-/// The planes that the first frames showed.
+/// The planes that the first frames showed, as those did.
 #[derive(Clone, Debug)]
 pub struct Structure {
     planes: Vec<Plane, PLANES>,
@@ -179,21 +175,19 @@ impl Seeing<'_> {
                     best = (count, w);
                 }
             }
-            let mut w = best.1;
+            let mut plane = Some(Plane { w: best.1, covariance: Mat3::zeros() });
             for _ in 0..3 {
-                let (mut normal, mut right) = (Mat3::zeros(), Vec3::zeros());
+                let Some(Plane { w, .. }) = plane else { break };
+                let mut sums = Sums::default();
                 self.each(source, DENSE, |ray, q| {
                     if (q - w.dot(&ray)).abs() < GATE * noise(q) && free(&ray, q) {
-                        normal += ray * ray.transpose();
-                        right += ray * q;
+                        sums.add(&ray, q);
                     }
                 });
-                w = normal.try_inverse().map_or(Vec3::zeros(), |inverse| inverse * right);
+                plane = sums.plane(CORRELATED);
             }
-            if w == Vec3::zeros() {
-                break;
-            }
-            let _ = structure.planes.push(Plane { w });
+            let Some(plane) = plane else { break };
+            let _ = structure.planes.push(plane);
         }
     }
 

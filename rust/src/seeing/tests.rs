@@ -174,3 +174,36 @@ fn of_two_balls_that_cross_none_is_wrongly_taken_for_whole() {
         }
     }
 }
+
+/// What 20 frames of a room show, by every digit that there is.
+#[cfg(feature = "sim")]
+fn shown_of_a_room(shape: Shape, narrow: bool) -> (usize, StdVec<std::string::String>) {
+    crate::simd::NARROW.set(narrow);
+    let scene = crate::sim::Scene::parse("room?seed=1&throws=1").unwrap();
+    let (camera, object) = (scene.camera(), ObjectConfig { shape, ..ObjectConfig::default() });
+    let mut seeing = Seeing::new(&camera, &object, 15, Buffers::owned(camera.width, camera.height)).unwrap();
+    let (mut frames, mut count, mut shown) = (scene.frames(), 0, StdVec::new());
+    for _ in 0..35 {
+        let frame = frames.next_frame().unwrap();
+        let mut detections = Vec::new();
+        seeing.see(Image::U16(frame.samples), &mut detections).unwrap();
+        count += detections.len();
+        shown.push(std::format!("{detections:?} {:?}", seeing.factors()));
+    }
+    shown.push(std::format!("{:?}", &seeing.buffers.limits[..]));
+    crate::simd::NARROW.set(false);
+    (count, shown)
+}
+
+/// Wide registers add in the order in which narrow ones do. Only where there are wide ones does this compare two paths.
+#[cfg(feature = "sim")]
+#[test]
+fn wide_registers_see_to_the_last_bit_what_narrow_ones_see() {
+    for shape in [Shape::Sphere, Shape::Any] {
+        let (count, wide) = shown_of_a_room(shape, false);
+        assert!(count > 5, "{shape:?}: {count} detections");
+        for (frame, (wide, narrow)) in wide.iter().zip(&shown_of_a_room(shape, true).1).enumerate() {
+            assert!(wide == narrow, "{shape:?}, frame {frame}: {wide} by wide registers, {narrow} by narrow ones");
+        }
+    }
+}

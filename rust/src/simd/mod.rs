@@ -52,12 +52,22 @@ impl Path {
 /// Runs `work`, compiled for the widest registers where it can be inlined: mark it `#[inline(always)]`, and give it plain loops.
 #[inline]
 pub fn widest<R>(work: impl FnOnce() -> R) -> R {
+    #[cfg(test)]
+    if NARROW.get() {
+        return work();
+    }
     #[cfg(target_arch = "x86_64")]
     if Path::Avx2.is_here() {
         // SAFETY: the processor has AVX2.
         return unsafe { x86::with_avx2(work) };
     }
     work()
+}
+
+#[cfg(test)]
+std::thread_local! {
+    /// Whether [`widest`] takes what the language has on this thread.
+    pub(crate) static NARROW: core::cell::Cell<bool> = const { core::cell::Cell::new(false) };
 }
 
 /// Asks memory for `cells`, which are read soon: only a hint, and none where the language has no such instruction.

@@ -2,11 +2,12 @@
 
 use super::folder::{Index, check_size};
 use super::recorder::Sink;
-use super::ticks::{self, Clock};
+use super::ticks::{self, Wraps};
 use super::{Input, Source, SourceError, decimal};
 use crate::config::CameraConfig;
 use crate::geometry::camera::{Camera, DepthCode, KINECT_DISPARITY_LAW};
 use crate::seeing::Image;
+use crate::stream::clock;
 use std::format;
 use std::fs::File;
 use std::io::{self, BufRead, ErrorKind, Read, Write};
@@ -25,7 +26,7 @@ const LONGEST_HEADER: u64 = 1 << 10;
 pub struct Fakenect {
     index: Index,
     camera: Camera,
-    clock: Clock,
+    wraps: Wraps,
     bytes: Vec<u8>,
     samples: Vec<u16>,
 }
@@ -44,7 +45,7 @@ impl Fakenect {
         };
         let camera = Camera::from_config(keys, code)?;
         let pixels = camera.width * camera.height;
-        Ok(Self { index, camera, clock: Clock::default(), bytes: std::vec![0; 2 * pixels], samples: std::vec![0; pixels] })
+        Ok(Self { index, camera, wraps: Wraps::default(), bytes: std::vec![0; 2 * pixels], samples: std::vec![0; pixels] })
     }
 }
 
@@ -67,8 +68,8 @@ impl Source for Fakenect {
             let name = line.rsplit('/').next().and_then(|name| name.strip_prefix("d-")?.strip_suffix(".pgm"));
             let Some(name) = name else { continue };
             let stamp = name.rsplit_once('-').and_then(|(host, ticks)| {
-                let ticks = self.clock.unwrap(decimal::nanoseconds(host)?, ticks.parse().ok()?)?;
-                ticks::nanoseconds(ticks)
+                let ticks = self.wraps.unwrap(decimal::nanoseconds(host)?, ticks.parse().ok()?)?;
+                clock::nanoseconds(ticks)
             });
             let timestamp_ns = stamp
                 .ok_or_else(|| self.index.malformed(format!("{line:?} tells no time: d-<host seconds>-<device ticks>.pgm is expected")))?;

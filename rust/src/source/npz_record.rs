@@ -11,8 +11,10 @@ use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::vec::Vec;
 
-/// The archive is whole after so much of the stream's time, ns.
-const SETTLED_NS: i64 = 1_000_000_000;
+/// The archive is whole after so much of the stream's time, forward or back, ns.
+const SETTLED_NS: u64 = 1_000_000_000;
+/// And wherever so many packed bytes wait, whatever the stamps say.
+const SETTLED_BYTES: usize = 1 << 24;
 
 /// Once in a second of the stream the archive is made whole, and after that the stamps of that second go to `OUT.npz.stamps`, until the
 /// end. So whoever is killed in between leaves a file in which so many frames can be found as there are stamps beside it.
@@ -124,7 +126,8 @@ impl Sink for NpzFile {
         self.samples.update(&self.bytes);
         self.deflate.write_all(&self.bytes)?;
         self.stamps.push(timestamp_ns);
-        if timestamp_ns.saturating_sub(*self.settled_ns.get_or_insert(timestamp_ns)) >= SETTLED_NS {
+        let since = timestamp_ns.abs_diff(*self.settled_ns.get_or_insert(timestamp_ns));
+        if since >= SETTLED_NS || self.deflate.get_ref().len() >= SETTLED_BYTES {
             self.settled_ns = Some(timestamp_ns);
             self.settle()?;
         }
@@ -233,6 +236,37 @@ mod tests {
         assert_eq!(before.1.len() / 8, 7);
         file.finish().unwrap();
         assert_eq!((read(&out), journal(&out).exists()), ((expected, 0), false));
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn stamps_that_go_back_or_stand_still_are_settled_too() {
+        let folder = std::env::temp_dir().join(std::format!("physinc-npz-stamps-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let out = folder.join("out.npz");
+        let camera = Camera::from_config(&keys(), DepthCode::Disparity { law: [3.0, -0.003] }).unwrap();
+        let mut file = NpzFile::create(&out, &camera).unwrap();
+        let settled = |file: &NpzFile| file.settled.frames;
+        for i in 0..8 {
+            let (timestamp_ns, samples) = frame(-i);
+            file.write(timestamp_ns, &samples).unwrap();
+        }
+        assert_eq!(settled(&file), 7, "all but the last second");
+        let (mut seed, standing) = (1_u32, i64::MIN);
+        let mut noise = || {
+            core::array::from_fn::<u16, 256, _>(|_| {
+                seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                (seed >> 21) as u16
+            })
+        };
+        file.write(standing, &noise()).unwrap();
+        let before = settled(&file);
+        for _ in 0..2 * SETTLED_BYTES / 512 {
+            file.write(standing, &noise()).unwrap();
+        }
+        assert!(settled(&file) > before, "of {SETTLED_BYTES} bytes");
+        assert!(file.deflate.get_ref().len() < SETTLED_BYTES + 4096);
+        drop(file);
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -25,20 +25,19 @@ impl Clock {
         let (unwrapped, expected) = match self.tie {
             None => (i64::from(ticks), i64::from(ticks)),
             Some((tied_ticks, tied_ns)) => {
-                let expected = tied_ticks.saturating_add((arrival_ns.saturating_sub(tied_ns) / 50).saturating_mul(3));
+                let expected = expected(tied_ticks, arrival_ns.saturating_sub(tied_ns));
                 if core::mem::take(&mut self.anew) {
                     self.offset = self.offset.wrapping_add((expected as u32).wrapping_sub(ticks));
                     ticks = expected as u32;
                 }
-                let off = ticks.wrapping_sub(expected as u32) as i32;
-                (expected.saturating_add(off.into()), expected)
+                (nearest(ticks, expected), expected)
             }
         };
         if unwrapped.saturating_sub(expected).abs() >= TRUSTED {
-            return nanoseconds(expected);
+            return stamp(expected);
         }
         self.tie = Some((unwrapped, arrival_ns));
-        nanoseconds(unwrapped)
+        stamp(unwrapped)
     }
 
     /// The device was away: by the times of arrival its next reading goes on where the one before was, whatever it says.
@@ -47,10 +46,24 @@ impl Clock {
     }
 }
 
-/// Ticks × 50/3, to the nearest; thirds are never halfway.
-fn nanoseconds(ticks: i64) -> i64 {
-    let ns = (i128::from(ticks) * 100 + 3).div_euclid(6);
-    ns.clamp(i64::MIN.into(), i64::MAX.into()) as i64
+/// The unwrapped reading `elapsed_ns` after an unwrapped one, by the host's clock.
+pub fn expected(ticks: i64, elapsed_ns: i64) -> i64 {
+    ticks.saturating_add((elapsed_ns / 50).saturating_mul(3))
+}
+
+/// Of all that the clock reads as `ticks`, the unwrapped reading nearest to `expected`.
+pub fn nearest(ticks: u32, expected: i64) -> i64 {
+    let off = ticks.wrapping_sub(expected as u32) as i32;
+    expected.saturating_add(off.into())
+}
+
+/// Ticks × 50/3, to the nearest (thirds are never halfway), ns; `None` where they are too many for that.
+pub fn nanoseconds(ticks: i64) -> Option<i64> {
+    i64::try_from((i128::from(ticks) * 50 + 1).div_euclid(3)).ok()
+}
+
+fn stamp(ticks: i64) -> i64 {
+    nanoseconds(ticks).unwrap_or(if ticks < 0 { i64::MIN } else { i64::MAX })
 }
 
 #[cfg(test)]
@@ -62,8 +75,10 @@ mod tests {
 
     #[test]
     fn ticks_are_rounded_to_nanoseconds() {
-        for (ticks, ns) in [(0, 0), (1, 17), (2, 33), (3, 50), (60_000_000, SECOND), (-1, -17), (-2, -33), (i64::MAX, i64::MAX)] {
-            assert_eq!(nanoseconds(ticks), ns, "{ticks}");
+        for (ticks, ns) in
+            [(0, 0), (1, 17), (2, 33), (3, 50), (60_000_000, SECOND), (-1, -17), (-2, -33), (i64::MAX, i64::MAX), (i64::MIN, i64::MIN)]
+        {
+            assert_eq!(stamp(ticks), ns, "{ticks}");
         }
     }
 
@@ -97,11 +112,11 @@ mod tests {
         fn wraps_are_counted(start in any::<u32>(), gaps in prop::collection::vec((0_i64..600 * SECOND, 0_i64..SECOND / 4), 1..40)) {
             let mut clock = Clock::default();
             let (mut true_ticks, mut arrival) = (i64::from(start), 7);
-            prop_assert_eq!(clock.stamp_ns(start, arrival), nanoseconds(true_ticks));
+            prop_assert_eq!(clock.stamp_ns(start, arrival), stamp(true_ticks));
             for (gap, late) in gaps {
                 true_ticks += gap / 50 * 3;
                 arrival += gap;
-                prop_assert_eq!(clock.stamp_ns(true_ticks as u32, arrival + late), nanoseconds(true_ticks));
+                prop_assert_eq!(clock.stamp_ns(true_ticks as u32, arrival + late), stamp(true_ticks));
             }
         }
 

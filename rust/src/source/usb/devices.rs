@@ -106,12 +106,11 @@ impl Identity {
     }
 }
 
-/// The ones among `attached` that may be meant by `name`, what stands behind `kinect:`: a serial number, a place or an index; empty: any.
-pub(super) fn meant(name: &str, attached: Vec<Attached>) -> Result<Vec<Attached>, Problem> {
+/// The one among `attached` that is meant by `name`, what stands behind `kinect:`: a serial number, a place or an index; empty: the first.
+/// Whatever else asks a Kinect of that name, its accelerometer for one, finds the same one so.
+pub(super) fn meant(name: &str, attached: Vec<Attached>) -> Result<Attached, Problem> {
     let known = attached.iter().map(|one| one.identity().name().into()).collect();
-    let is_named = |one: &Attached| one.serial() == Some(name) || one.place() == name;
+    let is_named = |one: &Attached| name.is_empty() || one.serial() == Some(name) || one.place() == name;
     let index = attached.iter().position(is_named).or_else(|| name.parse().ok());
-    let meant: Vec<_> =
-        attached.into_iter().enumerate().filter(|(i, _)| name.is_empty() || index == Some(*i)).map(|(_, one)| one).collect();
-    if meant.is_empty() { Err(Problem::NotFound { known }) } else { Ok(meant) }
+    index.and_then(|index| attached.into_iter().nth(index)).ok_or(Problem::NotFound { known })
 }

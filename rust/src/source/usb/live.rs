@@ -84,7 +84,7 @@ enum Next {
 }
 
 impl Live {
-    /// Opens what `name` names: `kinect`, `kinect:SERIAL`, `kinect:PLACE` or `kinect:INDEX`, and behind a `?` perhaps `transfers=16` (how
+    /// Opens what `name` names: `kinect` (the first, and no other if another program has it), `kinect:SERIAL`, `kinect:PLACE` or `kinect:INDEX`, and behind a `?` perhaps `transfers=16` (how
     /// many are out at once), `packets=64` (how many each has, 125 µs apart: fewer come sooner, more wake the host less often) and
     /// `video=color` or `video=infrared`.
     /// The camera is as `keys` say, else as the device itself tells.
@@ -271,16 +271,9 @@ impl Source for Live {
     }
 }
 
-/// Opens the first that `name` may mean and that can be had.
+/// Opens the one that `name` means.
 fn connect(name: &str, wanted: Wanted) -> Result<Box<OpenCamera>, Problem> {
-    let mut first = None;
-    for one in meant(name, attached()?)? {
-        match OpenCamera::start(&one, wanted) {
-            Ok(open) => return Ok(Box::new(open)),
-            Err(problem) => first = first.or(Some(problem)),
-        }
-    }
-    Err(first.unwrap_or(Problem::NotFound { known: Vec::new() }))
+    OpenCamera::start(&meant(name, attached()?)?, wanted).map(Box::new)
 }
 
 /// Which device, and what is asked of it.
