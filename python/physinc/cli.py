@@ -27,7 +27,7 @@ from .level import Level, gravity_of
 from .level_command import level as level_camera
 from .motor_commands import led, tilt
 from .narration import Narration, Plain, Progress, remark
-from .options import Frames
+from .options import Flag, Frames
 from .reproduce_command import reproduce
 from .scale_command import scale
 from .streaming import open_named, path_of
@@ -59,8 +59,6 @@ EXIT_CODES = {
     DeviceDisconnectedError: 4,
 }
 """Of what else goes wrong it is 1."""
-
-Flag = Parameter(negative="", show_default=False)
 
 
 @app.command
