@@ -1,5 +1,6 @@
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, ClassVar, Literal, TypeAlias, final
 
 import numpy as np
@@ -42,6 +43,7 @@ __all__ = [
     "__version__",
     "accelerations",
     "dump_config",
+    "camera_file",
     "event_from_toml",
     "find_inconsistencies",
     "fit_flight",
@@ -50,6 +52,7 @@ __all__ = [
     "fit_sphere",
     "open_iterable",
     "open_recording",
+    "level_pose",
     "open_source",
     "read_positions",
     "scenes",
@@ -1139,6 +1142,8 @@ class Recording:
     def __next__(self) -> tuple[int, int]: ...
     def __enter__(self) -> Self: ...
     def __exit__(self, *exception: object) -> None: ...
+def camera_file(source: str) -> Path | None: ...
+def level_pose(gravity: ArrayLike, known: Sequence[Sequence[float]] | None) -> _Array: ...
     @property
     def remarks(self) -> list[str]:
         """What the user should know of the source so far, a line each."""

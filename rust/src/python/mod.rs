@@ -1,6 +1,7 @@
 //! The Python module `physinc._physinc`: a thin layer that converts, waits with the interpreter released, and raises.
 
 mod array;
+mod camera;
 mod config;
 mod disparity;
 mod error;
@@ -23,6 +24,8 @@ use pyo3::prelude::*;
 
 #[pymodule]
 mod _physinc {
+    #[pymodule_export]
+    use super::camera::{camera_file, level_pose};
     #[pymodule_export]
     use super::config::dump_config;
     #[pymodule_export]
