@@ -48,6 +48,7 @@ __all__ = [
     "find_inconsistencies",
     "fit_flight",
     "fit_planes",
+    "fit_from_toml",
     "fit_scale",
     "fit_sphere",
     "open_iterable",
@@ -55,6 +56,7 @@ __all__ = [
     "level_pose",
     "open_source",
     "read_positions",
+    "part_from_toml",
     "scenes",
     "simulate",
     "solve_contact",
@@ -97,6 +99,7 @@ class CameraModel:
     def __eq__(self, other: object, /) -> bool: ...
     __hash__: ClassVar[None]  # type: ignore[assignment]
 
+    def __reduce__(self) -> tuple[Any, tuple[str, str]]: ...
 @final
 class Above:
     """A parallel surface below."""
@@ -115,6 +118,7 @@ class Above:
     def __eq__(self, other: object, /) -> bool: ...
     __hash__: ClassVar[None]  # type: ignore[assignment]
 
+    def __reduce__(self) -> tuple[Any, tuple[str, str]]: ...
 @final
 class Counters:
     """What went through a stream."""
@@ -148,6 +152,7 @@ class Counters:
     def __eq__(self, other: object, /) -> bool: ...
     __hash__: ClassVar[None]  # type: ignore[assignment]
 
+    def __reduce__(self) -> tuple[Any, tuple[str, str]]: ...
 @final
 class StreamStarted:
     """The stream began."""
@@ -907,6 +912,7 @@ class SphereFit:
     def inliers(self) -> int:
         """Points within three standard deviations."""
 
+    def __reduce__(self) -> tuple[Any, tuple[str, str]]: ...
 @final
 class FlightFit:
     """A flight that one law explains."""
@@ -983,6 +989,7 @@ class ScaleFit:
     def dof(self) -> int:
         """Numbers measured, less those that were found out."""
 
+    def __reduce__(self) -> tuple[Any, tuple[str, str]]: ...
 @final
 class Inconsistencies:
     """Measurements beside their predictions (Eq. 3); NaN where nothing could be predicted."""
@@ -1010,6 +1017,7 @@ class Inconsistencies:
     def sd(self) -> float | None:
         """Standard deviation of the positions an axis, m, where it was estimated."""
 
+    def __reduce__(self) -> tuple[Any, tuple[str, str]]: ...
 @final
 class ContactFit:
     """Two flights that share a point and a time."""
@@ -1102,6 +1110,7 @@ class PlaneFit:
     def above(self) -> Above | None:
         """The parallel plane below it, by its index in the list."""
 
+    def __reduce__(self) -> tuple[Any, tuple[str, str]]: ...
 def open_source(
     source: str,
     *,
@@ -1136,6 +1145,8 @@ def event_from_toml(text: str) -> _Event: ...
 
 @final
 class Recording:
+def part_from_toml(name: str, text: str) -> Above | CameraModel | Counters: ...
+def fit_from_toml(name: str, text: str) -> Inconsistencies | PlaneFit | ScaleFit | SphereFit: ...
     """A source that is being recorded, and a context manager: an iterator over how many frames there are, and the newest's stamp, ns."""
 
     def __iter__(self) -> Self: ...

@@ -34,6 +34,7 @@ mod _physinc {
     use super::event::{
         Above, Activity, CameraModel, CameraMotion, CameraOrientation, Contact, Counters, Disconnected, Gap, Inconsistency,
         LevelDisagreement, Position, Reconnected, StreamEnded, StreamStarted, Surface, TrackEnded, TrackStarted, event_from_toml,
+        part_from_toml,
     };
     #[pymodule_export]
     use super::frame::Frame;
@@ -44,7 +45,7 @@ mod _physinc {
     #[pymodule_export]
     use super::recording::{Recording, open_recording};
     #[pymodule_export]
-    use super::result::{ContactFit, FlightFit, Inconsistencies, PlaneFit, ScaleFit, SphereFit};
+    use super::result::{ContactFit, FlightFit, Inconsistencies, PlaneFit, ScaleFit, SphereFit, fit_from_toml};
     #[pymodule_export]
     use super::scale::{fit_scale, read_positions, split_flights};
     #[pymodule_export]
