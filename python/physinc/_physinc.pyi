@@ -11,6 +11,7 @@ from .arrays import Law
 from .config import CameraConfig, Config
 
 __all__ = [
+    "PAPER_SIDE",
     "Above",
     "Activity",
     "CameraModel",
@@ -42,21 +43,21 @@ __all__ = [
     "VideoFrame",
     "__version__",
     "accelerations",
-    "dump_config",
     "camera_file",
+    "dump_config",
     "event_from_toml",
     "find_inconsistencies",
     "fit_flight",
-    "fit_planes",
     "fit_from_toml",
+    "fit_planes",
     "fit_scale",
     "fit_sphere",
+    "level_pose",
     "open_iterable",
     "open_recording",
-    "level_pose",
     "open_source",
-    "read_positions",
     "part_from_toml",
+    "read_positions",
     "scenes",
     "simulate",
     "solve_contact",
@@ -98,8 +99,8 @@ class CameraModel:
         """As plain Python values, the same as in JSON."""
     def __eq__(self, other: object, /) -> bool: ...
     __hash__: ClassVar[None]  # type: ignore[assignment]
-
     def __reduce__(self) -> tuple[Any, tuple[str, str]]: ...
+
 @final
 class Above:
     """A parallel surface below."""
@@ -117,8 +118,8 @@ class Above:
         """As plain Python values, the same as in JSON."""
     def __eq__(self, other: object, /) -> bool: ...
     __hash__: ClassVar[None]  # type: ignore[assignment]
-
     def __reduce__(self) -> tuple[Any, tuple[str, str]]: ...
+
 @final
 class Counters:
     """What went through a stream."""
@@ -151,8 +152,8 @@ class Counters:
         """As plain Python values, the same as in JSON."""
     def __eq__(self, other: object, /) -> bool: ...
     __hash__: ClassVar[None]  # type: ignore[assignment]
-
     def __reduce__(self) -> tuple[Any, tuple[str, str]]: ...
+
 @final
 class StreamStarted:
     """The stream began."""
@@ -911,8 +912,8 @@ class SphereFit:
     @property
     def inliers(self) -> int:
         """Points within three standard deviations."""
-
     def __reduce__(self) -> tuple[Any, tuple[str, str]]: ...
+
 @final
 class FlightFit:
     """A flight that one law explains."""
@@ -988,8 +989,8 @@ class ScaleFit:
     @property
     def dof(self) -> int:
         """Numbers measured, less those that were found out."""
-
     def __reduce__(self) -> tuple[Any, tuple[str, str]]: ...
+
 @final
 class Inconsistencies:
     """Measurements beside their predictions (Eq. 3); NaN where nothing could be predicted."""
@@ -1016,8 +1017,8 @@ class Inconsistencies:
     @property
     def sd(self) -> float | None:
         """Standard deviation of the positions an axis, m, where it was estimated."""
-
     def __reduce__(self) -> tuple[Any, tuple[str, str]]: ...
+
 @final
 class ContactFit:
     """Two flights that share a point and a time."""
@@ -1109,8 +1110,8 @@ class PlaneFit:
     @property
     def above(self) -> Above | None:
         """The parallel plane below it, by its index in the list."""
-
     def __reduce__(self) -> tuple[Any, tuple[str, str]]: ...
+
 def open_source(
     source: str,
     *,
@@ -1141,20 +1142,20 @@ def open_iterable(
     law: Law | None,
 ) -> Stream: ...
 def dump_config(source: str | None = None, config: _Config = None, camera: _Camera = None) -> str: ...
+def camera_file(source: str) -> Path | None: ...
+def level_pose(gravity: ArrayLike, known: Sequence[Sequence[float]] | None) -> _Array: ...
 def event_from_toml(text: str) -> _Event: ...
+def part_from_toml(name: str, text: str) -> Above | CameraModel | Counters: ...
+def fit_from_toml(name: str, text: str) -> Inconsistencies | PlaneFit | ScaleFit | SphereFit: ...
 
 @final
 class Recording:
-def part_from_toml(name: str, text: str) -> Above | CameraModel | Counters: ...
-def fit_from_toml(name: str, text: str) -> Inconsistencies | PlaneFit | ScaleFit | SphereFit: ...
     """A source that is being recorded, and a context manager: an iterator over how many frames there are, and the newest's stamp, ns."""
 
     def __iter__(self) -> Self: ...
     def __next__(self) -> tuple[int, int]: ...
     def __enter__(self) -> Self: ...
     def __exit__(self, *exception: object) -> None: ...
-def camera_file(source: str) -> Path | None: ...
-def level_pose(gravity: ArrayLike, known: Sequence[Sequence[float]] | None) -> _Array: ...
     @property
     def remarks(self) -> list[str]:
         """What the user should know of the source so far, a line each."""
@@ -1186,8 +1187,8 @@ def split_flights(t: ArrayLike, positions: ArrayLike) -> list[tuple[int, int]]: 
 def find_inconsistencies(
     t: ArrayLike,
     positions: ArrayLike,
-    method: str,
-    horizon: str,
+    method: Any,
+    horizon: Any,
     law: Any,
     gravity: Any,
     drag: Any,
@@ -1199,7 +1200,7 @@ def find_inconsistencies(
 def solve_contact(
     before: _Side,
     after: _Side,
-    method: str,
+    method: Any,
     law: Any,
     gravity: Any,
     drag: Any,
@@ -1211,4 +1212,5 @@ def solve_contact(
 def fit_planes(contacts: Iterable[Contact | ContactFit], radius: float | None, gravity: Any, spin_sd: float) -> list[PlaneFit]: ...
 def unpack_disparity(packed: NDArray[np.uint8], bits: int, samples: NDArray[np.uint16]) -> None: ...
 
+PAPER_SIDE: int
 __version__: str

@@ -58,6 +58,7 @@ mod _physinc {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
-        module.add("__version__", env!("CARGO_PKG_VERSION"))
+        module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        module.add("PAPER_SIDE", crate::physics::paper::SIDE)
     }
 }
