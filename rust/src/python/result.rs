@@ -37,6 +37,7 @@ macro_rules! result_classes {
     ($($(#[$meta:meta])* $name:ident { $($(#[$field_meta:meta])* $field:ident: $type:ty,)* } [$($hidden:ident: $hidden_type:ty),*] { $($extra:tt)* })*) => {$(
         $(#[$meta])*
         #[pyclass(frozen, module = "physinc")]
+        #[allow(clippy::unsafe_derive_deserialize)] // What is unsafe is pyo3's, and rests on no field.
         pub struct $name {
             $(pub $field: $type,)*
             $(pub $hidden: $hidden_type,)*
