@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import copy
+import inspect
+import pickle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +15,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import physinc
+from physinc._physinc import PAPER_SIDE
+from physinc.arrays import DOWN
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -166,8 +171,10 @@ def test_what_a_law_raises_reaches_the_caller_unchanged() -> None:
     for answer, match in [([0, 0], "3 numbers"), (None, "3 numbers"), ([0, 0, np.inf], "finite")]:
         with pytest.raises(ValueError, match=match):
             physinc.fit_flight(t, parabola(t), lambda *_, answer=answer: answer)
-    with pytest.raises(ValueError, match="gravity has no part"):
-        physinc.fit_flight(t, parabola(t), lambda *_: G, gravity=None)
+    for gravity in (None, DOWN, (0.0, 0.0, -9.81)):
+        with pytest.raises(ValueError, match="gravity has no part"):
+            physinc.fit_flight(t, parabola(t), lambda *_: G, gravity=gravity)
+    assert " = (0.0, 0.0, -9.81)" in str(inspect.signature(physinc.fit_flight))
     # A force that turns round within micrometres: nothing converges.
     assert physinc.fit_flight(t, parabola(t), lambda _t, p, _v: 200 * np.sin(1e6 * p)) is None
 
@@ -285,6 +292,9 @@ def test_what_inconsistencies_refuse() -> None:
         ({}, "8 would"),
         ({"method": "worst"}, "method must be"),
         ({"horizon": "year"}, "horizon must be"),
+        ({"horizon": t}, r"^horizon must be \"step\" or \"flight\", got an array of shape \(5,\)$"),
+        ({"method": t}, r"^method must be \"best\" or \"paper\", got an array of shape \(5,\)$"),
+        ({"method": "paper", "law": t}, "under gravity alone"),
         ({"false_alarm": 0.0, "sd": 1.0}, "false_alarm = 0"),
         ({"method": "paper", "theta": np.nan}, "theta = NaN"),
         ({"method": "paper", "law": "free_fall_with_drag"}, "under gravity alone"),
@@ -480,3 +490,42 @@ def test_what_is_no_number_is_named() -> None:
             call()
     with pytest.raises(TypeError, match="contacts must be an iterable of Contact or ContactFit, got 5"):
         physinc.fit_planes(5)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("method", ["best", "paper"])
+def test_a_normal_to_the_other_side_is_refused(method: Any) -> None:
+    sides = bounce(-1, 8), bounce(1, 8)
+    with pytest.raises(ValueError, match=r"^normal points away from the side the ball came from: give it with the other sign$"):
+        physinc.solve_contact(*sides, method, normal=[0, 0, -1])
+    # A wall that is only passed.
+    for normal in ([0, 1, 0], [0, -1, 0]):
+        assert physinc.solve_contact(*sides, method, normal=normal) is not None
+
+
+def test_the_paper_fits_as_many_as_is_said() -> None:
+    def solved(far: int) -> Any:
+        (t, p), after = bounce(-1, 12), bounce(1, 12)
+        p = p + (np.arange(12) == 11 - far)[:, None] * 0.01
+        return physinc.solve_contact((t, p), after, "paper").center.tolist()  # type: ignore[union-attr]
+
+    assert solved(7) != solved(8) == solved(9)
+    assert PAPER_SIDE == 8
+    assert "the eight measurements on" in (physinc.solve_contact.__doc__ or "")
+
+
+def test_results_of_numbers_alone_are_copied_and_pickled() -> None:
+    t = frames(20)
+    rng = np.random.default_rng(2)
+    directions = rng.normal(size=(50, 3))
+    contact = physinc.solve_contact(bounce(-1, 8), bounce(1, 8), radius=0.033, sd=1e-3)
+    assert contact is not None
+    results = [
+        physinc.fit_sphere(directions / np.linalg.norm(directions, axis=1)[:, None]),
+        physinc.fit_scale(t, parabola(t)),
+        physinc.find_inconsistencies(t, parabola(t)),
+        *physinc.fit_planes([contact]),
+    ]
+    assert len(results) == 4
+    for result in results:
+        for other in (pickle.loads(pickle.dumps(result)), copy.copy(result), copy.deepcopy(result)):
+            assert repr(other) == repr(result)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -13,7 +14,10 @@ from typing import Any
 
 import pytest
 
-from physinc.streaming import DEMO
+from physinc._physinc import event_from_toml
+from physinc.errors import UnknownSourceError
+from physinc.narration import Narration
+from physinc.streaming import DEMO, stream
 
 PHYSINC = [sys.executable, "-c", "import sys; from physinc.cli import main; sys.exit(main())"]
 
@@ -312,3 +316,25 @@ def test_a_simulation_overwrites_only_another(tmp_path: Path, there: str) -> Non
     for scene in ("drop?seed=1", "drop?seed=2"):
         assert physinc("simulate", scene, tmp_path / "out.npz").returncode == 0
     assert "drop?seed=2" in (tmp_path / "out.truth.json").read_text()
+
+
+def test_what_was_dropped_is_told_at_the_end(csv: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    *_, end = stream(csv)
+    for dropped in (0, 3):
+        text = end.__reduce__()[1][0].replace("events_dropped = 0", f"events_dropped = {dropped}")
+        narration = Narration()
+        narration.tell(event_from_toml(text))
+        narration.close(0.0)
+        assert ("3 positions or events dropped (more than 16 objects at once" in capsys.readouterr().out) == (dropped > 0)
+
+
+def test_every_kind_of_source_is_named_where_sources_are_explained(tmp_path: Path) -> None:
+    """As the engine lists them where a name says nothing, and the keys of a Kinect."""
+    with pytest.raises(UnknownSourceError) as unknown:
+        stream(tmp_path)
+    kinds = re.findall(r"sim:SCENE|kinect:SERIAL|\w+\.txt|\.\w+|\bkinect|demo|-(?= \()", str(unknown.value).partition("sources are ")[2])
+    assert {"kinect", "sim:SCENE", ".npz", ".pcapng", "INDEX.txt", "-", "demo"} <= set(kinds)
+    shown = physinc("run", "--help").stdout, stream.__doc__ or ""
+    for text in shown:
+        for kind in [*kinds, "transfers=", "packets=", "video=", "lose="]:
+            assert re.search(rf"(?<![\w-]){re.escape(kind)}" if kind[0].isalpha() or kind == "-" else re.escape(kind), text), kind

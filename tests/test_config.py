@@ -86,6 +86,8 @@ def test_a_file_is_read_and_what_is_printed_is_read_back(tmp_path: Path) -> None
         ({"environment": {"mesh": [{"path": "nowhere/a.obj"}]}}, r"environment\.mesh\.path: nowhere/a\.obj: No such file"),
         ({"environment": {"mesh": [{"path": "a.dae"}]}}, r"a\.dae: .* \.obj, \.stl or \.ply"),
         ({"environment": {"box": [{"name": "without size"}]}}, "environment.box.center"),
+        ({"environment": {"mesh": [{"name": "without path"}]}}, r"environment\.mesh\.path: expected the path of an OBJ, STL or PLY file$"),
+        ({"environment": {"plane": [{}] * 9}}, r"there are 9 of these, and room for 8 in `environment\.plane`"),
         ({"environment": {"plane": [{"normal": [0, 0, 2]}]}}, "environment.plane.normal"),
         (
             {"environment": {"box": [{"center": [0, 1, 0], "size": [1, 1, 1], "yaw": 0.1, "rotation": [1, 0, 0, 0]}]}},

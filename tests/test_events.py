@@ -51,6 +51,7 @@ def test_every_event_is_the_same_in_each_form(events: list[Any]) -> None:
                 assert value.tolist() == shown
             elif hasattr(value, "to_dict"):
                 assert value.to_dict() == shown
+                assert pickle.loads(pickle.dumps(value)) == value == copy.copy(value) == copy.deepcopy(value)
             else:
                 assert value == shown
         with pytest.raises(AttributeError):

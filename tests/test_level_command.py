@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -17,7 +18,7 @@ import tomlkit
 
 import physinc
 from physinc import level_command
-from physinc.camera_file import beside, level_pose
+from physinc._physinc import camera_file, level_pose
 from physinc.cli import main
 from physinc.interrupting import Interruption, interruptible
 from physinc.level_command import angle_sds
@@ -123,24 +124,60 @@ def test_heading_and_place_of_a_known_pose_are_kept(room: Path, capsys: pytest.C
 
 def test_where_the_file_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    for name in ("a.npz", "b.pcapng.zst", "c.npz"):
+    for name in ("a.npz", "b.pcapng.zst", "B.PCAPNG.ZST", "c.npz"):
         (tmp_path / name).touch()
     (tmp_path / "folder").mkdir()
-    assert beside(str(tmp_path / "a.npz")) == tmp_path / "a.camera.toml"
-    assert beside(str(tmp_path / "b.pcapng.zst") + "?lose=0.1") == tmp_path / "b.camera.toml"
-    assert beside(str(tmp_path / "folder")) == tmp_path / "folder" / "camera.toml"
-    assert beside("kinect") == beside("sim:bounce?seed=2") == Path("camera.toml")
+    assert camera_file(str(tmp_path / "a.npz")) == tmp_path / "a.camera.toml"
+    assert camera_file(str(tmp_path / "b.pcapng.zst") + "?lose=0.1") == tmp_path / "b.camera.toml"
+    assert camera_file(str(tmp_path / "B.PCAPNG.ZST")) == tmp_path / "B.camera.toml"
+    assert camera_file(str(tmp_path / "folder")) == tmp_path / "folder" / "camera.toml"
     (tmp_path / "camera.toml").touch()
     (tmp_path / "a.camera.toml").touch()
-    assert beside(str(tmp_path / "a.npz")) == tmp_path / "a.camera.toml"
-    assert beside(str(tmp_path / "c.npz")) == tmp_path / "camera.toml"
+    assert camera_file(str(tmp_path / "a.npz")) == tmp_path / "a.camera.toml"
+    assert camera_file("c.npz") == Path("camera.toml")
+    assert [camera_file(source) for source in ("kinect", "kinect:A001", "sim:bounce?seed=2", "-", "nothing.npz")] == [None] * 5
+
+
+def test_without_a_place_the_working_directory_has_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    file, source = tmp_path / "camera.toml", f"sim:{SCENE}"
+    file.write_text("fx = 600.0\n")
+    assert main(["level", source, "--dry-run"]) == 0
+    assert file.read_text() == "fx = 600.0\n"
+    assert main(["level", source]) == 0
+    assert file.read_text().startswith("fx = 600.0\nworld_from_camera")
+
+
+@pytest.mark.parametrize("source", [f"sim:{SCENE}", "demo"])
+def test_without_a_place_it_says_how_the_pose_is_used(
+    source: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["level", source]) == 0
+    *_, told = capsys.readouterr().out.splitlines()
+    arguments = shlex.split(told.partition(": physinc ")[2])
+    assert arguments == ["run", source, "--camera", "camera.toml"]
+    assert main([*arguments, "--frames", "20"]) == 0
+    started, plain = (next(iter(physinc.stream(source, camera=camera))) for camera in ("camera.toml", None))
+    assert isinstance(started, physinc.StreamStarted)
+    assert isinstance(plain, physinc.StreamStarted)
+    np.testing.assert_allclose(started.world_from_camera, pose_of(tmp_path / "camera.toml"), atol=1e-9)
+    # What else is known of the camera still holds.
+    assert started.camera == plain.camera
+
+
+def test_a_recording_finds_its_pose_by_itself(room: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["level", str(room)]) == 0
+    assert "--camera" not in capsys.readouterr().out
+    assert main(["level", str(room), "--out", str(room.with_name("other.toml"))]) == 0
+    assert f"--camera {room.with_name('other.toml')}" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("gravity", [(0, 9.81, 0), (0, 0, 9.81), (0, 0, -9.81), (9.81, 0, 0), (3, -4, 8)])
 def test_any_gravity_makes_a_pose(gravity: tuple[float, float, float]) -> None:
     g = np.array(gravity, float)
     for known in (None, np.eye(4), np.diag([1.0, -1.0, -1.0, 1.0])):
-        rotation = level_pose(g, known)[:3, :3]
+        rotation = level_pose(g, None if known is None else known.tolist())[:3, :3]
         np.testing.assert_allclose(rotation @ g, np.array([0, 0, -float(np.linalg.norm(g))]), atol=1e-12)
         np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
         assert np.linalg.det(rotation) == pytest.approx(1)

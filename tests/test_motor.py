@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,6 +13,7 @@ from fake_bus import AUDIO, CAMERA, MOTOR, reply
 
 import physinc
 from physinc import motor as motors
+from physinc.attached import System
 from physinc.cli import main
 
 
@@ -89,7 +91,7 @@ def test_kinects_are_chosen_by_index_and_serial_number(attach: Any) -> None:
     for serial, index in expected.items():
         with physinc.Motor(serial) as motor:
             assert motor._device._ctx.dev is bus.devices[index], serial
-    for serial in (3, -1, "C003", "1-2.4"):
+    for serial in (3, -1, "C003", "1-2.4", "ä"):
         with pytest.raises(physinc.DeviceNotFoundError, match="there are 3"):
             physinc.Motor(serial)
 
@@ -165,3 +167,14 @@ def test_the_command_line_tilts_and_shines(attach: Any, capsys: pytest.CaptureFi
     attach()
     assert main(["tilt", "1"]) == 3
     assert "physinc doctor" in capsys.readouterr().err
+
+
+def test_a_serial_number_may_be_of_any_bytes(attach: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bus = attach(CAMERA, MOTOR)
+    file = tmp_path / "sys/bus/usb/devices/1-2.3/serial"
+    file.parent.mkdir(parents=True)
+    monkeypatch.setattr(motors, "System", lambda: System(tmp_path))
+    for told, serial in ((b"\xc3\xa4\n", "ä"), (b"\xff7\n", "\ufffd7")):
+        file.write_bytes(told)
+        with physinc.Motor(serial) as motor:
+            assert motor._device._ctx.dev is bus.devices[1]

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +17,7 @@ import pytest
 from numpy.typing import NDArray
 
 import physinc
+from physinc._physinc import read_positions
 from physinc.agreement import chi2_sf, groups
 from physinc.cli import main
 
@@ -297,3 +303,37 @@ def test_groups_are_the_largest_that_agree() -> None:
 )
 def test_chi_squared_tails_are_those_of_tables(x: float, dof: int, p: float) -> None:
     assert chi2_sf(x, dof) == pytest.approx(p, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("option", "value"), [("sd", "1e-12"), ("sd", "1e9"), ("sd", "nan"), ("gravity", "inf"), ("drag", "inf"), ("drag", "nan")]
+)
+def test_what_cannot_be_is_a_usage_error(mixed: Path, capsys: pytest.CaptureFixture[str], option: str, value: str) -> None:
+    assert main(["scale", str(mixed), f"--{option}", value]) == 2
+    assert f" for --{option}. Must be " in capsys.readouterr().err
+
+
+def test_stamps_may_be_as_far_apart_as_there_are(tmp_path: Path) -> None:
+    path = tmp_path / "far.csv"
+    path.write_text("t,x,y,z\n-9000000000,0,0,0\n9000000000,0,0,0\n")
+    assert read_positions(path)[0].tolist() == [0, 18e9]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with a name are POSIX's")
+@pytest.mark.parametrize("opened", [False, True])
+def test_ctrl_c_ends_a_silent_pipe(tmp_path: Path, opened: bool) -> None:
+    pipe = tmp_path / "live.csv"
+    os.mkfifo(pipe)
+    writer = os.open(pipe, os.O_RDWR) if opened else None
+    code = "import sys; from physinc.cli import main; print(flush=True); sys.exit(main())"
+    with subprocess.Popen([sys.executable, "-c", code, "scale", str(pipe)], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        time.sleep(0.3)
+        process.send_signal(signal.SIGINT)
+        try:
+            assert process.wait(timeout=10) == 130
+        finally:
+            process.kill()
+    if writer is not None:
+        os.close(writer)

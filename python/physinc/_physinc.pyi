@@ -1,5 +1,6 @@
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, ClassVar, Literal, TypeAlias, final
 
 import numpy as np
@@ -10,6 +11,7 @@ from .arrays import Law
 from .config import CameraConfig, Config
 
 __all__ = [
+    "PAPER_SIDE",
     "Above",
     "Activity",
     "CameraModel",
@@ -41,16 +43,20 @@ __all__ = [
     "VideoFrame",
     "__version__",
     "accelerations",
+    "camera_file",
     "dump_config",
     "event_from_toml",
     "find_inconsistencies",
     "fit_flight",
+    "fit_from_toml",
     "fit_planes",
     "fit_scale",
     "fit_sphere",
+    "level_pose",
     "open_iterable",
     "open_recording",
     "open_source",
+    "part_from_toml",
     "read_positions",
     "scenes",
     "simulate",
@@ -93,6 +99,7 @@ class CameraModel:
         """As plain Python values, the same as in JSON."""
     def __eq__(self, other: object, /) -> bool: ...
     __hash__: ClassVar[None]  # type: ignore[assignment]
+    def __reduce__(self) -> tuple[Any, tuple[str, str]]: ...
 
 @final
 class Above:
@@ -111,6 +118,7 @@ class Above:
         """As plain Python values, the same as in JSON."""
     def __eq__(self, other: object, /) -> bool: ...
     __hash__: ClassVar[None]  # type: ignore[assignment]
+    def __reduce__(self) -> tuple[Any, tuple[str, str]]: ...
 
 @final
 class Counters:
@@ -144,6 +152,7 @@ class Counters:
         """As plain Python values, the same as in JSON."""
     def __eq__(self, other: object, /) -> bool: ...
     __hash__: ClassVar[None]  # type: ignore[assignment]
+    def __reduce__(self) -> tuple[Any, tuple[str, str]]: ...
 
 @final
 class StreamStarted:
@@ -903,6 +912,7 @@ class SphereFit:
     @property
     def inliers(self) -> int:
         """Points within three standard deviations."""
+    def __reduce__(self) -> tuple[Any, tuple[str, str]]: ...
 
 @final
 class FlightFit:
@@ -979,6 +989,7 @@ class ScaleFit:
     @property
     def dof(self) -> int:
         """Numbers measured, less those that were found out."""
+    def __reduce__(self) -> tuple[Any, tuple[str, str]]: ...
 
 @final
 class Inconsistencies:
@@ -1006,6 +1017,7 @@ class Inconsistencies:
     @property
     def sd(self) -> float | None:
         """Standard deviation of the positions an axis, m, where it was estimated."""
+    def __reduce__(self) -> tuple[Any, tuple[str, str]]: ...
 
 @final
 class ContactFit:
@@ -1098,6 +1110,7 @@ class PlaneFit:
     @property
     def above(self) -> Above | None:
         """The parallel plane below it, by its index in the list."""
+    def __reduce__(self) -> tuple[Any, tuple[str, str]]: ...
 
 def open_source(
     source: str,
@@ -1129,7 +1142,11 @@ def open_iterable(
     law: Law | None,
 ) -> Stream: ...
 def dump_config(source: str | None = None, config: _Config = None, camera: _Camera = None) -> str: ...
+def camera_file(source: str) -> Path | None: ...
+def level_pose(gravity: ArrayLike, known: Sequence[Sequence[float]] | None) -> _Array: ...
 def event_from_toml(text: str) -> _Event: ...
+def part_from_toml(name: str, text: str) -> Above | CameraModel | Counters: ...
+def fit_from_toml(name: str, text: str) -> Inconsistencies | PlaneFit | ScaleFit | SphereFit: ...
 
 @final
 class Recording:
@@ -1170,8 +1187,8 @@ def split_flights(t: ArrayLike, positions: ArrayLike) -> list[tuple[int, int]]: 
 def find_inconsistencies(
     t: ArrayLike,
     positions: ArrayLike,
-    method: str,
-    horizon: str,
+    method: Any,
+    horizon: Any,
     law: Any,
     gravity: Any,
     drag: Any,
@@ -1183,7 +1200,7 @@ def find_inconsistencies(
 def solve_contact(
     before: _Side,
     after: _Side,
-    method: str,
+    method: Any,
     law: Any,
     gravity: Any,
     drag: Any,
@@ -1195,4 +1212,5 @@ def solve_contact(
 def fit_planes(contacts: Iterable[Contact | ContactFit], radius: float | None, gravity: Any, spin_sd: float) -> list[PlaneFit]: ...
 def unpack_disparity(packed: NDArray[np.uint8], bits: int, samples: NDArray[np.uint16]) -> None: ...
 
+PAPER_SIDE: int
 __version__: str

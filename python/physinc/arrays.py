@@ -8,6 +8,7 @@ answer where physics says no.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from enum import Enum
 from typing import Literal, Protocol, SupportsFloat, TypeAlias
 
 import numpy as np
@@ -24,6 +25,15 @@ Drag: TypeAlias = float | ObjectConfig | LawsConfig | Config | None
 
 DOWN = (0.0, 0.0, -9.81)
 """Gravity where nothing else is said, m/s²: z is up."""
+
+
+class Unsaid(Enum):
+    """What a parameter is where nothing is said."""
+
+    GRAVITY = DOWN
+
+    def __repr__(self) -> str:
+        return repr(self.value)
 
 
 class Law(Protocol):
@@ -63,7 +73,7 @@ def fit_flight(
     positions: ArrayLike,
     law: AnyLaw = "free_fall",
     *,
-    gravity: ArrayLike | float | None = DOWN,
+    gravity: ArrayLike | float | Unsaid | None = Unsaid.GRAVITY,
     drag: Drag = None,
     sd: float | None = None,
     covariance: ArrayLike | None = None,
@@ -71,8 +81,8 @@ def fit_flight(
     """Fit the flight from one position and one velocity that explains `positions` best under `law`.
 
     `gravity` is a known vector [3] (m/s²), a known size (its direction is found), or `None`: nothing is known, vector and size come out.
-    `law` may be any callable `law(t, position, velocity)` (see `Law`): it is the whole acceleration, so `gravity` has no part then; what
-    it raises passes unchanged. The covariance leaves out how the law's own bending changes with the state: small for drag.
+    `law` may be any callable `law(t, position, velocity)` (see `Law`): it is the whole acceleration, so a `gravity` beside it raises
+    ValueError; what it raises passes unchanged. The covariance leaves out how the law's own bending changes with the state: small for drag.
     `drag` belongs to `"free_fall_with_drag"`.
 
     Noise: `sd` (m an axis), or `covariance` [3, 3] or [N, 3, 3] (m²); without either the residuals tell it, as white and even.
@@ -122,7 +132,7 @@ def find_inconsistencies(
     method: Method = "best",
     horizon: Literal["step", "flight"] | None = None,
     law: AnyLaw = "free_fall",
-    gravity: ArrayLike = DOWN,
+    gravity: ArrayLike | Unsaid = Unsaid.GRAVITY,
     drag: Drag = None,
     sd: float | None = None,
     covariance: ArrayLike | None = None,
@@ -141,9 +151,6 @@ def find_inconsistencies(
     `gravity` is a vector [3] (m/s²). At least 3 measurements.
     """
     _numbers(sd=sd, theta=theta, false_alarm=false_alarm)
-    if method == "paper" and (law != "free_fall" or drag is not None):
-        raise ValueError('the paper\'s method predicts by Eq. 5, under gravity alone: law must be "free_fall"')
-    horizon = horizon or ("step" if method == "paper" else "flight")
     gravity = np.asarray(_beside(law, gravity))
     return _physinc.find_inconsistencies(t, positions, method, horizon, law, gravity, _drag(drag), sd, covariance, theta, false_alarm)
 
@@ -154,7 +161,7 @@ def solve_contact(
     method: Method = "best",
     *,
     law: AnyLaw = "free_fall",
-    gravity: ArrayLike | float | None = DOWN,
+    gravity: ArrayLike | float | Unsaid | None = Unsaid.GRAVITY,
     drag: Drag = None,
     duration: float = 0.0,
     normal: ArrayLike | None = None,
@@ -164,9 +171,10 @@ def solve_contact(
     """Find where and when an object touched something, from its positions `before` and `after`: pairs (t, positions).
 
     `method="best"` fits both flights jointly, with a shared point and time, under `law`, `gravity` and `drag` as in `fit_flight`, for a
-    touch of `duration` (s; a tennis ball's 0.0045; 0 is an ideal impact). `"paper"` fits two free parabolas to the five measurements on
+    touch of `duration` (s; a tennis ball's 0.0045; 0 is an ideal impact). `"paper"` fits two free parabolas to the eight measurements on
     either side and takes the closest points of the curves, however far apart they are (sec. 3.2); it knows no covariance.
-    `normal` is the surface's where it is known; otherwise the contact's own serves. With `radius` (m) the touched point is told too.
+    `normal` is the surface's where it is known, to the side the ball came from (ValueError where it came from the other); otherwise the
+    contact's own serves. With `radius` (m) the touched point is told too.
 
     Noise: `sd` (m an axis), or covariances as third members of both pairs; without either the residuals of both flights tell it.
     `None` where the flights don't meet between the two sides, or there are too few measurements: two a side, three where noise has to be
@@ -206,8 +214,10 @@ def _numbers(**given: object) -> None:
             raise TypeError(f"{name} = {value!r}: expected a number")
 
 
-def _beside(law: AnyLaw, gravity: ArrayLike | float | None) -> ArrayLike | float | None:
-    if callable(law) and gravity is not DOWN:
+def _beside(law: AnyLaw, gravity: ArrayLike | float | Unsaid | None) -> ArrayLike | float | None:
+    if isinstance(gravity, Unsaid):
+        return DOWN
+    if callable(law):
         raise ValueError("a callable law is the whole acceleration: gravity has no part beside it")
     return gravity
 

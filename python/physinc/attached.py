@@ -51,7 +51,7 @@ class System:
     def read(self, absolute: str | Path) -> str | None:
         """Return what the file says, without space around it; None where it can't be read."""
         try:
-            return self.path(absolute).read_text(errors="replace").strip()
+            return self.path(absolute).read_text(encoding="utf-8", errors="replace").strip()
         except OSError:
             return None
 

@@ -19,6 +19,7 @@ from .errors import (
     DeviceDisconnectedError,
     DeviceNotFoundError,
     PhysincError,
+    StreamTimeoutError,
     UnknownSourceError,
 )
 from .escaping import escape_output
@@ -27,7 +28,7 @@ from .level import Level, gravity_of
 from .level_command import level as level_camera
 from .motor_commands import led, tilt
 from .narration import Narration, Plain, Progress, remark
-from .options import Frames
+from .options import Flag, Frames
 from .reproduce_command import reproduce
 from .scale_command import scale
 from .streaming import open_named, path_of
@@ -60,8 +61,6 @@ EXIT_CODES = {
 }
 """Of what else goes wrong it is 1."""
 
-Flag = Parameter(negative="", show_default=False)
-
 
 @app.command
 def run(
@@ -92,7 +91,10 @@ def run(
         (probabilities of a packet: lose, empty, short, double, foreign, late, flip, silence; burst=10, the mean length of losses).
         A folder with INDEX.txt (fakenect) or depth.txt (TUM RGB-D): depth frames, one a file.
         FILE.csv, or - for stdin: positions, with the header t,x,y,z (s, m, z up) and optionally track, xx,xy,xz,yy,yz,zz.
-        Left out, or kinect: a live Kinect; kinect:SERIAL the one of that serial number, or place (1-2.1), or index (0, 1, …).
+        sim:SCENE: a simulated scene, "sim:bounce?seed=3"; physinc simulate --help names all; with packets=1 as a Kinect sends it.
+        Left out, or kinect: a live Kinect; kinect:SERIAL the one of that serial number, or place (1-2.1), or index (0, 1, …);
+        "kinect?transfers=16&packets=8": so many transfers of so many packets under way, fewer packets come sooner and cost more;
+        video=color or video=infrared, too, is of use in Python.
     json
         Print events, one JSON object a line, and nothing else; messages go to stderr.
     positions
@@ -251,6 +253,12 @@ def main(arguments: list[str] | None = None) -> int:
         # Whoever read has heard enough; what is still buffered goes nowhere.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except StreamTimeoutError as error:
+        # What it says of `timeout=` is for Python.
+        silent, python, _ = str(error).partition("; timeout=")
+        waiting = "; `physinc doctor` looks why a Kinect is silent, positions on stdin (`physinc run -`) are awaited as long as it takes"
+        sys.stderr.write(f"physinc: {silent}{waiting if python else ''}\n")
+        return 1
     except (PhysincError, OSError) as error:
         sys.stderr.write(f"physinc: {error}\n")
         return next((code for kind, code in EXIT_CODES.items() if isinstance(error, kind)), 1)

@@ -120,7 +120,7 @@ class KnownPlane:
     name: str = ""
     """What to call it."""
     normal: Vector = (0.0, 0.0, 1.0)
-    """Unit normal, to the free side."""
+    """Unit normal; either sign is the same plane, with `offset` turned as well."""
     offset: float = 0.0
     """Offset along the normal, m."""
 

@@ -6,7 +6,6 @@ import json as json_text
 import sys
 from typing import Annotated, Any
 
-from cyclopts import Parameter
 from rich import box
 from rich.markup import escape
 from rich.table import Table
@@ -15,8 +14,7 @@ from . import doctor as doctors
 from .attached import Attached, System, attached
 from .errors import DeviceNotFoundError
 from .narration import Plain
-
-Flag = Parameter(negative="", show_default=False)
+from .options import Flag
 
 SIGNS = {"good": "[green]✓[/]", "note": "[yellow]·[/]", "bad": "[red]✗[/]"}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,15 +13,14 @@ import tomlkit
 from cyclopts import Parameter, validators
 from numpy.typing import NDArray
 
-from ._physinc import CameraOrientation, StreamStarted, dump_config
-from .camera_file import beside, level_pose, read, with_pose, write
+from ._physinc import CameraOrientation, StreamStarted, camera_file, dump_config, level_pose
+from .camera_file import NAME, read, with_pose, write
 from .errors import ConfigError, RecordingError
 from .interrupting import interruptible
 from .narration import count
-from .options import Frames
-from .streaming import open_named
+from .options import Flag, Frames
+from .streaming import DEMO, open_named, path_of
 
-Flag = Parameter(negative="", show_default=False)
 USUAL = 9.81
 """m/s²; within 0.3 % anywhere on Earth."""
 
@@ -40,8 +40,9 @@ def level(
     """Find which way is down from the balls that fly in SOURCE, and write the camera's pose into camera.toml.
 
     Throw a ball through the view a few times: each flight tells gravity in the camera, all together roll and pitch with their σ.
-    Everything else in camera.toml stays, comments too. Of a live Kinect, stop by Ctrl-C or --duration: what was found until then is
-    written; after Ctrl-C the exit code is 130, as of run.
+    Everything else in camera.toml stays, comments too. What has no place of its own, a live Kinect say, has it in the working directory;
+    such a file is used by run --camera. Of a live Kinect, stop by Ctrl-C or --duration: what was found until then is written; after
+    Ctrl-C the exit code is 130, as of run.
 
     Parameters
     ----------
@@ -63,11 +64,13 @@ def level(
         Write nothing.
 
     """
-    file = camera or beside(source)
-    target = out or file
+    beside = camera_file(path_of(source))
+    # The demo's is everybody's.
+    own = None if beside is None or beside.parent == DEMO.parent else beside
+    file, target = camera or beside, out or camera or own or Path(NAME)
     # What stands where the pose will be is kept; where nothing stands yet, what is in force goes along.
     basis = target if target.is_file() else file
-    text, known = read(basis) if basis.is_file() else ("", None)
+    text, known = read(basis) if basis is not None and basis.is_file() else ("", None)
     found: CameraOrientation | None = None
     # Whatever pose is told, gravity's direction is to be found.
     stream = open_named(source, config=_tilted(config), camera=camera, frames=frames, duration=duration, every_frame=every_frame)
@@ -102,6 +105,8 @@ def level(
     else:
         write(target, new)
         sys.stdout.write(f"{target}: world_from_camera written\n")
+        if own is None or own.resolve() != target.resolve():
+            sys.stdout.write(f"it is used by: physinc run {shlex.quote(source)} --camera {shlex.quote(str(target))}\n")
     return code
 
 

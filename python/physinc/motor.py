@@ -8,7 +8,6 @@ import errno
 import struct
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -17,6 +16,7 @@ import usb.util
 from numpy.typing import NDArray
 
 from . import parts
+from .attached import System
 from .doctor import RULE_FIX
 from .errors import (
     ConfigError,
@@ -209,10 +209,10 @@ def serial_of(part: Any) -> str | None:
     """Return a serial number: as the system has read it, for which nobody needs permission, else as the device tells."""
     if not part.iSerialNumber:
         return None
-    with contextlib.suppress(OSError):
-        return Path("/sys/bus/usb/devices", parts.path(part), "serial").read_text(encoding="ascii").strip()
-    with told():
-        serial: str | None = part.serial_number
+    serial: str | None = System().read(f"/sys/bus/usb/devices/{parts.path(part)}/serial")
+    if serial is None:
+        with told():
+            serial = part.serial_number
     return serial
 
 

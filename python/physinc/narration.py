@@ -149,10 +149,15 @@ class Narration:
             counters = self.ended.counters
             rate = f", {busy / counters.frames * 1e6:.0f} µs a frame" if counters.frames else ""
             dropped = f", {counters.frames_dropped} not used" if counters.frames_dropped else ""
+            unheard = (
+                f", {counters.events_dropped} positions or events dropped (more than 16 objects at once, or a queue that was full)"
+                if counters.events_dropped
+                else ""
+            )
             reason = "" if self.ended.reason == "end_of_source" else f" ({self.ended.reason})"
             lost, holed = counters.packets_lost, counters.frames_incomplete
             packets = f", {lost} of {counters.packets + lost} packets lost, {holed} frames with holes" if lost else ""
-            frames = f"{counters.frames} frames, {self.lost} lost{dropped}{packets}{rate}"
+            frames = f"{counters.frames} frames, {self.lost} lost{dropped}{packets}{unheard}{rate}"
             self.console.print(f"{count(self.bounces, 'bounce')}, {count(len(surfaces), 'surface')}; {frames}{reason}")
 
     def _line(self, time_ns: int, text: str) -> None:

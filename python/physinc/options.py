@@ -19,3 +19,6 @@ def whole(_: Any, tokens: Sequence[Token]) -> int:
 
 Frames: TypeAlias = Annotated[int | None, Parameter(converter=whole, validator=validators.Number(gte=1, lt=2**63))]
 """How many frames."""
+
+Flag = Parameter(negative="", show_default=False)
+"""An option without a value."""

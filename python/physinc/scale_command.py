@@ -19,9 +19,9 @@ from ._physinc import ScaleFit, fit_scale, read_positions, split_flights
 from .agreement import Group, combine, groups, p_value
 from .errors import RecordingError
 from .narration import Plain, count
+from .options import Flag
 
-Flag = Parameter(negative="", show_default=False)
-Positive = validators.Number(gt=0)
+INFINITE = float("inf")
 
 
 class Fall(NamedTuple):
@@ -60,10 +60,10 @@ def scale(
     /,
     *,
     json: Annotated[bool, Flag] = False,
-    gravity: Annotated[float, Parameter(validator=Positive)] = 9.81,
-    drag: Annotated[float | None, Parameter(validator=validators.Number(gte=0), show_default=False)] = None,
+    gravity: Annotated[float, Parameter(validator=validators.Number(gt=0, lt=INFINITE))] = 9.81,
+    drag: Annotated[float | None, Parameter(validator=validators.Number(gte=0, lt=INFINITE), show_default=False)] = None,
     config: Path | None = None,
-    sd: Annotated[float | None, Parameter(validator=Positive, show_default=False)] = None,
+    sd: Annotated[float | None, Parameter(validator=validators.Number(gte=1e-9, lte=1e6), show_default=False)] = None,
 ) -> int:
     """Find the metres per unit of the trajectories in CSV, and which of them agree on one scale.
 

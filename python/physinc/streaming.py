@@ -49,9 +49,11 @@ def stream(
     """Iterate over what happens in `source`.
 
     `source` is `"demo"`, the path of an `*.npz` (depth frames), of a `*.pcapng` or `*.pcap` (a usbmon capture of a Kinect, also `.gz` or
-    `.zst`), of a folder with `INDEX.txt` (fakenect) or `depth.txt` (TUM RGB-D), or of a
-    `*.csv` (positions), `"-"` (a CSV on stdin), or an iterable of `(timestamp_ns, depth)` or `Position`.
-    Left out it is a live Kinect, as is `"kinect"`; `"kinect:SERIAL"` is the one of that serial number (or place, `1-2.1`, or index).
+    `.zst`; `?lose=0.05&seed=3` behind it loses packets on purpose), of a folder with `INDEX.txt` (fakenect) or `depth.txt` (TUM RGB-D), or
+    of a `*.csv` (positions), `"-"` (a CSV on stdin), a simulated scene `"sim:SCENE"` (`"sim:bounce?seed=3"`; `physinc simulate --help`
+    names all), or an iterable of `(timestamp_ns, depth)` or `Position`.
+    Left out it is a live Kinect, as is `"kinect"`; `"kinect:SERIAL"` is the one of that serial number (or place, `1-2.1`, or index),
+    `"kinect?transfers=16&packets=8"` has so many transfers of so many packets under way: fewer packets come sooner, and cost more.
 
     `config` is the path of a TOML file, a dict of the same shape, or a `Config`; `camera` likewise a camera file, a dict or a
     `CameraConfig`, in place of the file beside a recording. `[camera]` in `config` wins over both.

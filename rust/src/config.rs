@@ -140,17 +140,33 @@ section! {
     /// `[[environment.*]]`: known surfaces, world frame. Their ids are their places in [`EnvironmentConfig::kinds`].
     EnvironmentConfig {
         /// Planes.
+        #[cfg_attr(feature = "std", serde(deserialize_with = "as_many_as_fit"))]
         plane: Vec<KnownPlane, 8> = Vec::new(),
         /// Boxes.
+        #[cfg_attr(feature = "std", serde(deserialize_with = "as_many_as_fit"))]
         r#box: Vec<KnownBox, 8> = Vec::new(),
         /// Spheres.
+        #[cfg_attr(feature = "std", serde(deserialize_with = "as_many_as_fit"))]
         sphere: Vec<KnownSphere, 8> = Vec::new(),
         /// Meshes.
+        #[cfg_attr(feature = "std", serde(deserialize_with = "as_many_as_fit"))]
         mesh: Vec<KnownMesh, 4> = Vec::new(),
         /// Of which kind each is, in the file's order; `config_file` tells it.
         #[cfg_attr(feature = "std", serde(skip))]
         order: Vec<Kind, 28> = Vec::new(),
     }
+}
+
+/// A list that there may be no room for.
+#[cfg(feature = "std")]
+fn as_many_as_fit<'de, D: serde::Deserializer<'de>, T: Deserialize<'de>, const N: usize>(deserializer: D) -> Result<Vec<T, N>, D::Error> {
+    let all = std::vec::Vec::deserialize(deserializer)?;
+    let too_many = std::format!("there are {} of these, and room for {N}", all.len());
+    let mut list = Vec::new();
+    for item in all {
+        list.push(item).map_err(|_| serde::de::Error::custom(&too_many))?;
+    }
+    Ok(list)
 }
 
 /// Kinds of known surfaces.
@@ -183,7 +199,7 @@ section! {
     KnownPlane {
         /// What to call it.
         name: Name = Name::new(),
-        /// Unit normal, to the free side.
+        /// Unit normal; either sign is the same plane, with `offset` turned as well.
         normal: [f64; 3] = [0.0, 0.0, 1.0],
         /// Offset along the normal, m.
         offset: f64 = 0.0,

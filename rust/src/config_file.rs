@@ -59,8 +59,8 @@ pub fn read_config(path: &Path) -> Result<Config, ConfigFileError> {
     number(&mut config.environment, in_order(&text).values().map(String::as_str));
     let folder = path.parent().unwrap_or(Path::new(""));
     read_meshes(&mut config, folder, |named| {
-        let line = text.lines().position(|line| line.contains("path") && line.contains(named));
-        place(path, line)
+        let line = || text.lines().position(|line| line.contains("path") && line.contains(named));
+        place(path, if named.is_empty() { lacking(&text, "environment.mesh.path") } else { line() })
     })?;
     config.validate().map_err(|error| impossible(path, &text, error))?;
     Ok(config)
@@ -90,6 +90,10 @@ fn in_order(text: &str) -> BTreeMap<usize, String> {
 /// What is wrong with one of them, in one line.
 pub fn read_meshes(config: &mut Config, folder: &Path, place: impl Fn(&str) -> String) -> Result<(), ConfigFileError> {
     for mesh in &mut config.environment.mesh {
+        if mesh.path.is_empty() {
+            let error = ConfigError { key: "environment.mesh.path", value: f64::NAN, expected: "the path of an OBJ, STL or PLY file" };
+            return Err(ConfigFileError::Impossible { place: place(""), error });
+        }
         let path = folder.join(mesh.path.as_str());
         let solid = mesh_file::read(&path).map_err(|error| ConfigFileError::Mesh { place: place(&mesh.path), error })?;
         mesh.solid = Some(Arc::new(solid));
@@ -145,8 +149,12 @@ fn parse<T: DeserializeOwned>(path: &Path, text: &str) -> Result<T, ConfigFileEr
 }
 
 fn impossible(path: &Path, text: &str, error: ConfigError) -> ConfigFileError {
-    ConfigFileError::Impossible { place: place(path, line_of(text, error.key)), error }
+    let left_out = || lacking(text, error.key).filter(|_| NEEDED.contains(&error.key) && error.value.is_nan());
+    ConfigFileError::Impossible { place: place(path, left_out().or_else(|| line_of(text, error.key))), error }
 }
+
+/// Keys that stand in each section of theirs.
+const NEEDED: [&str; 4] = ["environment.box.center", "environment.box.size", "environment.sphere.center", "environment.sphere.radius"];
 
 fn place(path: &Path, line: Option<usize>) -> String {
     match line {
@@ -161,13 +169,36 @@ fn line_of(text: &str, key: &str) -> Option<usize> {
     let mut here = "";
     text.lines().position(|line| {
         let line = line.trim();
-        if line.starts_with('[') {
-            here = line.trim_matches(['[', ']', ' ']);
-        }
-        let sets_it = line.split_once('=').is_some_and(|(left, _)| left.trim() == name);
+        here = header(line).unwrap_or(here);
         // A camera file has the keys of [camera] at its top.
-        sets_it && (here == section || (here.is_empty() && section == "camera"))
+        sets(line, name) && (here == section || (here.is_empty() && section == "camera"))
     })
+}
+
+/// The line of `text` (from 0) at which the first section begins that leaves out its `key` (`section.name`).
+fn lacking(text: &str, key: &str) -> Option<usize> {
+    let (section, name) = key.rsplit_once('.')?;
+    let mut begun = None;
+    for (number, line) in text.lines().map(str::trim).enumerate() {
+        if let Some(header) = header(line) {
+            if begun.is_some() {
+                break;
+            }
+            begun = (header == section).then_some(number);
+        } else if sets(line, name) {
+            begun = None;
+        }
+    }
+    begun
+}
+
+/// The section that `line` begins.
+fn header(line: &str) -> Option<&str> {
+    line.starts_with('[').then(|| line.trim_matches(['[', ']', ' ']))
+}
+
+fn sets(line: &str, name: &str) -> bool {
+    line.split_once('=').is_some_and(|(left, _)| left.trim() == name)
 }
 
 #[cfg(test)]
@@ -195,6 +226,29 @@ mod tests {
         for message in [message("[object]\nradus = 1"), message("[object"), message("a = \n\n\"")] {
             assert!(!message.contains('\n'), "{message}");
         }
+    }
+
+    #[test]
+    fn what_is_left_out_is_named_where_its_section_begins() {
+        let cuboid = "[[environment.box]]\ncenter = [0.0, 1.0, 0.0]\nsize = [1.0, 1.0, 1.0]\n";
+        let told = message(&format!("{cuboid}[[environment.box]]\nname = \"b\"\nsize = [1.0, 1.0, 1.0]\n[object]\n"));
+        assert!(told.starts_with("c.toml:4: environment.box.center: expected"), "{told}");
+        let told = message(&format!("{cuboid}[[environment.sphere]]\ncenter = [0.0, 1.0, 0.0]"));
+        assert!(told.starts_with("c.toml:4: environment.sphere.radius: expected"), "{told}");
+        let told = message("[[environment.box]]\ncenter = [nan, 1.0, 0.0]\nsize = [1.0, 1.0, 1.0]\n");
+        assert!(told.starts_with("c.toml:2: environment.box.center: expected"), "{told}");
+        let path = std::env::temp_dir().join(format!("physinc-no-path-{}.toml", std::process::id()));
+        std::fs::write(&path, "[object]\n[[environment.mesh]]\nname = \"path\"\n").unwrap();
+        let told = read_config(&path).unwrap_err().to_string();
+        std::fs::remove_file(&path).unwrap();
+        assert!(told.ends_with(".toml:2: environment.mesh.path: expected the path of an OBJ, STL or PLY file"), "{told}");
+    }
+
+    #[test]
+    fn more_surfaces_than_fit_are_counted() {
+        let told = message(&"[[environment.plane]]\n".repeat(9));
+        assert!(told.starts_with("c.toml:1: `[[environment.plane]]`: there are 9 of these, and room for 8"), "{told}");
+        assert_eq!(message(&"[[environment.plane]]\n".repeat(8)), "");
     }
 
     #[test]

@@ -259,13 +259,13 @@ impl<'b> Engine<'b> {
         self.reasoning.finish(sink);
     }
 
-    /// Frames (or instants) taken in, of these dropped (stamps that are not later, frames too cluttered to be used), and positions for
-    /// which there was no track left.
+    /// Frames (or instants) taken in, of these dropped (stamps that are not later, frames too cluttered to be used), and positions of more
+    /// balls than are told apart in a frame, or tracked, at once.
     pub fn counters(&self) -> Counters {
         Counters {
             frames: self.inputs,
             frames_dropped: self.timeline.dropped + self.seeing.as_ref().map_or(0, Seeing::cluttered),
-            events_dropped: self.reasoning.homeless(),
+            events_dropped: self.reasoning.homeless() + self.seeing.as_ref().map_or(0, Seeing::surplus),
             ..self.assembler.as_ref().map(Assembler::counters).unwrap_or_default()
         }
     }

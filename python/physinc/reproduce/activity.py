@@ -126,9 +126,8 @@ def section(seeds: Sequence[int], results: Sequence[Judged]) -> Section:
             row("toy car", "straight", "“match well”", False),
             row("toy car", "turning", "“mostly detected”", True),
         ],
-        f"Mean ± standard deviation over {count} seeds; frames within {NEAR_A_CHANGE} of a change are left out. By the paper's"
-        f" method: the moving"
-        " average of the distance from Eq. 5's prediction exceeds 6 mm.",
+        f"Mean ± standard deviation over {count} seeds; frames within {NEAR_A_CHANGE} of a change are left out. By the paper's method: the"
+        " moving average of the distance from Eq. 5's prediction exceeds 6 mm.",
     )
     return Section(
         "Active and passive objects (sec. 3.3)",
@@ -165,9 +164,8 @@ def drawn(thing: Thing, seed: int) -> Picture:
     share = sum(a.end_ns - a.start_ns for a in active if a.active) / max(1, sum(a.end_ns - a.start_ns for a in active))
     caption = (
         f"A {thing.name} (a), its observed trajectory (b), and its distance from the prediction of"
-        f" {'constant velocity' if on_floor else 'free fall'} by Eq. 5 (c), with the paper's θ and the moving average; shaded: said"
-        f" to be active"
-        f" by the sequential test, {100 * share:.0f} % of its time. sim:{seen.scene}."
+        f" {'constant velocity' if on_floor else 'free fall'} by Eq. 5 (c), with the paper's θ and the moving average; shaded: said to be"
+        f" active by the sequential test, {100 * share:.0f} % of its time. sim:{seen.scene}."
     )
     return Picture(
         f"figure_{thing.figure}_{thing.name.replace(' ', '_')}",

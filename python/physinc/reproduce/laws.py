@@ -127,11 +127,9 @@ def section(seeds: Sequence[int], results: Sequence[Residuals]) -> Section:
     )
     return Section(
         "The θ that each law would allow (sec. 4)",
-        "“Accurately modeling friction would for example allow to lower the tolerance threshold”, says the paper: by how much, is"
-        " plotted here."
-        f" Passive tracks of sim:{FLIGHTS.format('…')} and sim:{ROLLS.format('…')}; the slowing of a rolling ball is taken from the"
-        f" first half of"
-        " its way and judged on the second.",
+        "“Accurately modeling friction would for example allow to lower the tolerance threshold”, says the paper: by how much, is plotted"
+        f" here. Passive tracks of sim:{FLIGHTS.format('…')} and sim:{ROLLS.format('…')}; the slowing of a rolling ball is taken from the"
+        " first half of its way and judged on the second.",
         [Picture("theta_of_laws", "Beside the paper's closing remark: θ of each law", caption, png(figure))],
         [
             Table(

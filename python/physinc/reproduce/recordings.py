@@ -128,10 +128,9 @@ def section(_: Sequence[int], results: Sequence[tuple[str, list[Flight]]]) -> Se
     legend_below(figure, left, columns=2)
     caption = (
         "Motion capture in millimetres, taken for a trajectory of unknown unit: how long a unit is, as the fall of each ball tells it, and"
-        f" how far the measurements are from flights with drag; {beyond} of another scale are beyond the figure, balls that lie or"
-        f" are held."
-        " Air also carries a ball and is carried along by it, which no law here knows of: 0.5 % of gravity for a tennis ball. σ knows only"
-        " white noise; a marker on the skin of a spinning ball is not its center."
+        f" how far the measurements are from flights with drag; {beyond} of another scale are beyond the figure, balls that lie or are"
+        " held. Air also carries a ball and is carried along by it, which no law here knows of: 0.5 % of gravity for a tennis ball. σ"
+        " knows only white noise; a marker on the skin of a spinning ball is not its center."
     )
     return Section(
         "Real recordings",

@@ -11,14 +11,13 @@ from matplotlib.axes import Axes
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from physinc import _physinc as p
+from physinc._physinc import PAPER_SIDE as SIDE
 from physinc.arrays import fit_flight, fit_sphere
 
 from .experiment import Picture, found
 from .observation import Array, Observation, Trace, deproject, images, observe
 from .style import MEASURED, OURS, PAPER, PREDICTED, TRUE, empty_sheet, label, legend_below, picture_of_depth, png, sheet
 
-SIDE = 8
-"""Measurements on either side of a contact that the paper's parabolas are fitted to ("a few")."""
 RADIUS = 0.033
 
 
@@ -121,10 +120,9 @@ def sphere(scene: str) -> Picture:
     axes.set(xlim=(-36, 36), ylim=(-36, 36), zlim=(-36, 36), xticks=(-30, 0, 30), yticks=(-30, 0, 30), zticks=(-30, 0, 30))
     legend_below(figure, left, axes)
     caption = (
-        f"The ball's center by least squares of a sphere of known radius: {fit.inliers} points, {1e3 * fit.residual_rms:.1f} mm rms"
-        f" from it,"
-        f" at a distance of {center[2]:.2f} m. {len(others)} readings next to it belong to the known scene and are left out"
-        f" (sand-coloured: no reading, the ball's shadow)."
+        f"The ball's center by least squares of a sphere of known radius: {fit.inliers} points, {1e3 * fit.residual_rms:.1f} mm rms from"
+        f" it, at a distance of {center[2]:.2f} m. {len(others)} readings next to it belong to the known scene and are left out"
+        " (sand-coloured: no reading, the ball's shadow)."
     )
     return Picture("figure_04_sphere", "Counterpart of figure 4: a sphere fitted to its points", caption, png(figure))
 
@@ -213,9 +211,8 @@ def reconstruction(paper: Observation, ours: Observation) -> Picture:
         label(top, "x / m", "y / m", title=f"(b) top view, {name}")
     caption = (
         "Patches (blue) where interactions were detected, planes through them (red, as far as they were touched), and the true glass box"
-        " overlaid (black; the ground is z = 0). The paper's patches follow the motion just before and after; ours lie across the"
-        " normal that"
-        " impulse and friction tell."
+        " overlaid (black; the ground is z = 0). The paper's patches follow the motion just before and after; ours lie across the normal"
+        " that impulse and friction tell."
     )
     return Picture("figure_10_reconstruction", "Counterpart of figure 10: the environment through its interactions", caption, png(figure))
 
@@ -260,8 +257,8 @@ def interactions(seen: Observation) -> Picture:
     contact, before = next((c, b) for t, c, b in touched if t.track == track)
     touch = seen.seconds(contact.time_ns)
     for part, style, name in (
-        (slice(before - SIDE, before), "--", "parabola of 8 before"),
-        (slice(before, before + SIDE), "-.", "parabola of 8 after"),
+        (slice(before - SIDE, before), "--", f"parabola of {SIDE} before"),
+        (slice(before, before + SIDE), "-.", f"parabola of {SIDE} after"),
     ):
         t, center = trace.t[part] - touch, trace.center[part]
         curve = np.linspace(min(t[0], -0.02), max(t[-1], 0.02), 60)

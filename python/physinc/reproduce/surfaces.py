@@ -96,8 +96,7 @@ def table(paper: Sequence[Estimate], ours: Sequence[Estimate]) -> Table:
         ],
         f"Mean ± standard deviation over {of} seeds of sim:bounce (six throws). By the paper's method: θ = 6 mm on one-step predictions by"
         " Eq. 5, two free parabolas, patches along the motion; planes through contacts are ours in both, and the two with the most"
-        " contacts count. Orientation is the angle from the"
-        " horizontal, which cannot be below 0.",
+        " contacts count. Orientation is the angle from the horizontal, which cannot be below 0.",
     )
 
 
@@ -107,9 +106,8 @@ def section(seeds: Sequence[int], results: Sequence[Any]) -> Section:
     paper, ours = observe(scene, PAPER), observe(scene)
     return Section(
         "Invisible surfaces (sec. 3.2)",
-        "A Kinect stands on the ground and looks horizontally: neither the ground nor a box of glass gives it a depth reading. A"
-        " tennis ball"
-        f" is thrown over both, and where its flight is inconsistent with gravity there must be a surface. Figures: sim:{scene}.",
+        "A Kinect stands on the ground and looks horizontally: neither the ground nor a box of glass gives it a depth reading. A tennis"
+        f" ball is thrown over both, and where its flight is inconsistent with gravity there must be a surface. Figures: sim:{scene}.",
         [
             figures.inconsistency(ours),
             figures.sphere(f"room?throws=1&seed={seeds[0]}"),

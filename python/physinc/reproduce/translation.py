@@ -96,16 +96,14 @@ def section(seeds: Sequence[int], results: Sequence[dict[str, Path]]) -> Section
             rms("path, up (rms)", slice(2, 3)),
             rms("path in space (rms)", slice(0, 3)),
         ],
-        f"Mean ± standard deviation over {count} seeds of sim:{SCENE.format('…')}; rms over the frames of one flight, then their mean"
-        f" over the"
-        " seeds. The camera's velocity in the first frames is taken to be none: no flight tells it.",
+        f"Mean ± standard deviation over {count} seeds of sim:{SCENE.format('…')}; rms over the frames of one flight, then their mean over"
+        " the seeds. The camera's velocity in the first frames is taken to be none: no flight tells it.",
     )
     seen = observe(SCENE.format(seeds[0]), MOVING)
     return Section(
         "Camera translation (sec. 3.1, ii)",
-        "A hand moves the camera while a ball flies before it, and there is nothing else in view. What the ball does against gravity,"
-        " the camera"
-        f" did. Figures: sim:{seen.scene}.",
+        "A hand moves the camera while a ball flies before it, and there is nothing else in view. What the ball does against gravity, the"
+        f" camera did. Figures: sim:{seen.scene}.",
         [frames(seen), moved(seen, results[0])],
         [table],
     )
@@ -165,10 +163,9 @@ def moved(seen: Observation, paths: dict[str, Path]) -> Picture:
     label(right, "time / s", "camera displacement / mm", title="(b) the camera's path, ours ± 2 σ")
     legend_below(figure, left, right)
     caption = (
-        f"Measured trajectory and the one that gravity predicts; their difference is the camera's path: from start to end"
-        f" {1e3 * ours.length():.1f} mm"
-        f" (true {1e3 * ours.true_length():.1f}; by the paper's method {1e3 * paths['paper'].length():.1f}; the paper measured 165"
-        f" for 155)."
+        "Measured trajectory and the one that gravity predicts; their difference is the camera's path: from start to end"
+        f" {1e3 * ours.length():.1f} mm (true {1e3 * ours.true_length():.1f}; by the paper's method {1e3 * paths['paper'].length():.1f};"
+        " the paper measured 165 for 155)."
     )
     return Picture("figure_08_translation", "Counterpart of figure 8: camera translation", caption, png(figure))
 

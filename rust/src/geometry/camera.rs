@@ -72,9 +72,16 @@ impl Pose {
         let up = -gravity.normalize();
         // Where it looks straight down the top of the image is forward, where it looks up the bottom.
         let forward = if up.z.abs() < 1.0 - 1e-9 { Vec3::z() } else { Vec3::new(0.0, up.z, 0.0) };
-        let y = (forward - up * up.dot(&forward)).normalize();
-        let rows = [y.cross(&up).transpose(), y.transpose(), up.transpose()];
-        Self { rotation: Mat3::from_rows(&rows), translation: Vec3::zeros() }
+        Self { rotation: upright(&up, &forward), translation: Vec3::zeros() }
+    }
+
+    /// This pose, turned so that `gravity` (camera frame, not zero) pulls down the world's z: its heading and its place stay.
+    pub fn levelled(&self, gravity: &Vec3) -> Self {
+        let up = -gravity.normalize();
+        let [x, y] = [0, 1].map(|axis| self.rotation.row(axis).transpose());
+        // Where y is nearly upright, x tells the heading better.
+        let forward = if up.dot(&y).abs() > 0.9 { up.cross(&x) } else { y };
+        Self { rotation: upright(&up, &forward), translation: self.translation }
     }
 
     /// A point of the camera frame, in the world.
@@ -109,6 +116,12 @@ impl Pose {
             && translation.iter().all(|x| x.is_finite());
         rigid.then_some(Self { rotation, translation })
     }
+}
+
+/// World axes in the camera: z along `up` (a unit vector), y as near to `forward` as a level direction can be.
+fn upright(up: &Vec3, forward: &Vec3) -> Mat3 {
+    let y = (forward - up * up.dot(forward)).normalize();
+    Mat3::from_rows(&[y.cross(up).transpose(), y.transpose(), up.transpose()])
 }
 
 /// A calibrated pinhole camera. Pixel centers are at integers; the camera frame is x right, y down, z forward.

@@ -9,6 +9,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 use std::format;
 use std::hash::{Hash, Hasher};
 use std::string::{String, ToString};
@@ -105,8 +106,26 @@ fn tree(value: &impl Serialize) -> PyResult<serde_json::Value> {
 }
 
 #[allow(clippy::needless_pass_by_value)] // As `map_err` gives it.
-fn mistake(error: impl ToString) -> PyErr {
+pub fn mistake(error: impl ToString) -> PyErr {
     PhysincError::new_err(error.to_string())
+}
+
+/// What pickling asks for: a function, and what it is to be handed.
+pub type Reduced<'py, A> = (Bound<'py, PyAny>, A);
+
+/// Pickled by the function `reader` of this module, which takes `arguments`.
+pub fn reduced<'py, A>(py: Python<'py>, reader: &str, arguments: A) -> PyResult<Reduced<'py, A>> {
+    Ok((py.import("physinc._physinc")?.getattr(reader)?, arguments))
+}
+
+/// What pickling writes: TOML, because it has NaN and writes floats exactly.
+pub fn toml(value: &impl Serialize) -> PyResult<String> {
+    toml::to_string(value).map_err(mistake)
+}
+
+/// What pickling wrote.
+pub fn from_toml<T: DeserializeOwned>(text: &str) -> PyResult<T> {
+    toml::from_str(text).map_err(mistake)
 }
 
 fn repr(name: &str, fields: &Bound<'_, PyAny>) -> PyResult<String> {
@@ -133,12 +152,26 @@ macro_rules! part_classes {
             fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> { plain(py, &self.0) }
 
             fn __repr__(&self, py: Python<'_>) -> PyResult<String> { repr(stringify!($name), &self.to_dict(py)?) }
+
+            fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py, (&'static str, String)>> {
+                reduced(py, "part_from_toml", (stringify!($name), toml(&self.0)?))
+            }
         }
 
         impl Field for event::$name {
             fn to_python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> { Ok(Bound::new(py, $name(self.clone()))?.into_any()) }
         }
-    )*};
+    )*
+
+        /// The part of an event, of the class `name`, that pickling wrote.
+        #[pyfunction]
+        pub fn part_from_toml<'py>(py: Python<'py>, name: &str, text: &str) -> PyResult<Bound<'py, PyAny>> {
+            match name {
+                $(stringify!($name) => from_toml::<event::$name>(text)?.to_python(py),)*
+                _ => Err(mistake("no such part")),
+            }
+        }
+    };
 }
 parts!(part_classes);
 
@@ -203,10 +236,8 @@ macro_rules! event_class {
 
             fn __repr__(&self, py: Python<'_>) -> PyResult<String> { repr(stringify!($name), &self.to_dict(py)?) }
 
-            fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String,))> {
-                // TOML, because it has NaN and writes floats exactly.
-                let text = toml::to_string(&self.whole()).map_err(mistake)?;
-                Ok((py.import("physinc._physinc")?.getattr("event_from_toml")?, (text,)))
+            fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py, (String,)>> {
+                reduced(py, "event_from_toml", (toml(&self.whole())?,))
             }
             $($($method)*)?
         }
@@ -267,5 +298,5 @@ events!(event_classes);
 /// The event that pickling wrote.
 #[pyfunction]
 pub fn event_from_toml(py: Python<'_>, text: &str) -> PyResult<Py<PyAny>> {
-    to_python(py, toml::from_str(text).map_err(mistake)?)
+    to_python(py, from_toml(text)?)
 }

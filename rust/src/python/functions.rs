@@ -1,16 +1,17 @@
 //! The functions on arrays: each converts, asks the core, converts back. Python's signatures and documentation are in `arrays.py`.
 
-use super::array::{array2, points, vector};
+use super::array::{array2, points, shown, vector};
 use super::law::{Motion, finite};
 use super::result::{ContactFit, FlightFit, Inconsistencies, SphereFit};
 use super::samples::{Noise, samples};
 use crate::detect::sphere;
 use crate::math::{Vec3, rows, sqrt};
-use crate::physics::contact::{RESTITUTION, Solver};
+use crate::physics::contact::{Contact, RESTITUTION, Solver};
 use crate::physics::flight::Flight;
 use crate::physics::watch::{self, Criterion, Horizon, Watch};
 use crate::physics::{Sample, paper};
 use crate::track::hypothesis::plausible;
+use nalgebra::SVector;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::format;
@@ -93,8 +94,8 @@ pub fn fit_flight(
 pub fn find_inconsistencies(
     t: &Bound<'_, PyAny>,
     positions: &Bound<'_, PyAny>,
-    method: &str,
-    horizon: &str,
+    method: &Bound<'_, PyAny>,
+    horizon: Option<&Bound<'_, PyAny>>,
     law: &Bound<'_, PyAny>,
     gravity: &Bound<'_, PyAny>,
     drag: Option<&Bound<'_, PyAny>>,
@@ -104,12 +105,15 @@ pub fn find_inconsistencies(
     false_alarm: f64,
 ) -> PyResult<Inconsistencies> {
     let paper = is_paper(method)?;
+    if paper && law.extract::<&str>().ok() != Some("free_fall") {
+        return Err(PyValueError::new_err("the paper's method predicts by Eq. 5, under gravity alone: law must be \"free_fall\""));
+    }
     let law = Motion::new(law, drag)?;
     let gravity = law.known_gravity(gravity)?;
-    let horizon = match horizon {
-        "step" => Horizon::Step,
-        "flight" => Horizon::Flight,
-        _ => return Err(PyValueError::new_err(format!("horizon must be \"step\" or \"flight\", got {horizon:?}"))),
+    let horizon = match horizon.map(|horizon| is_second(horizon, "horizon", ["step", "flight"])).transpose()? {
+        Some(true) => Horizon::Flight,
+        None if !paper => Horizon::Flight,
+        _ => Horizon::Step,
     };
     let criterion = match (paper, theta, false_alarm) {
         (true, theta, _) if theta > 0.0 && theta.is_finite() => Criterion::Theta(theta),
@@ -164,7 +168,7 @@ pub fn solve_contact(
     py: Python<'_>,
     before: Side<'_>,
     after: Side<'_>,
-    method: &str,
+    method: &Bound<'_, PyAny>,
     law: &Bound<'_, PyAny>,
     gravity: Option<&Bound<'_, PyAny>>,
     drag: Option<&Bound<'_, PyAny>>,
@@ -196,10 +200,7 @@ pub fn solve_contact(
     }
     if paper {
         let contact = paper::contact(&first, &second);
-        return Ok(contact.map(|contact| {
-            let normal = normal.or_else(|| paper::normal(&contact));
-            ContactFit::new(contact, normal, radius, None)
-        }));
+        return contact.map(|contact| faced(contact, normal, paper::normal, radius, None)).transpose();
     }
     let unknown = sd.is_none() && before.2.is_none();
     let least = (6 + gravity.unknowns() as usize + usize::from(unknown)).div_ceil(3);
@@ -208,21 +209,47 @@ pub fn solve_contact(
     }
     let split = first.len();
     let mut samples = [first, second].concat();
-    law.with(py, |law| {
+    let found = law.with(py, |law| {
         let solver = Solver { law, gravity: &gravity, duration };
         let estimated = if unknown { Some(solver.noise(&mut samples, split)?) } else { None };
         let contact = plausible(solver.solve(&samples, split, normal.as_ref())?, &samples)?;
         let between = samples[split - 1].t - duration - 2e-3..=samples[split].t + 2e-3;
-        let normal = normal.or_else(|| contact.normal(RESTITUTION));
-        between.contains(&contact.time).then(|| ContactFit::new(contact, normal, radius, estimated))
-    })
+        between.contains(&contact.time).then_some((contact, estimated))
+    })?;
+    found.map(|(contact, sd)| faced(contact, normal, |contact| contact.normal(RESTITUTION), radius, sd)).transpose()
 }
 
-fn is_paper(method: &str) -> PyResult<bool> {
-    match method {
-        "best" => Ok(false),
-        "paper" => Ok(true),
-        _ => Err(PyValueError::new_err(format!("method must be \"best\" or \"paper\", got {method:?}"))),
+/// The fit of a contact with a surface of `normal`, or of its `own`; an error where the ball came from behind that, by more than noise tells.
+fn faced(
+    contact: Contact,
+    normal: Option<Vec3>,
+    own: impl Fn(&Contact) -> Option<Vec3>,
+    radius: Option<f64>,
+    sd: Option<f64>,
+) -> PyResult<ContactFit> {
+    if let Some(normal) = normal {
+        let (into, away) = (contact.before.dot(&normal), contact.after.dot(&normal));
+        // Of (center, velocity before, velocity after); the paper's contact knows none.
+        let across = SVector::<f64, 9>::from_fn(|i, _| [0.0, -1.0, 1.0][i / 3] * normal[i % 3]);
+        let noise = Some(across.dot(&(contact.covariance * across))).filter(|variance| variance.is_finite()).map_or(0.0, sqrt);
+        if into > 0.0 && away < 0.0 && into - away > 3.0 * noise {
+            return Err(PyValueError::new_err("normal points away from the side the ball came from: give it with the other sign"));
+        }
+    }
+    let normal = normal.or_else(|| own(&contact));
+    Ok(ContactFit::new(contact, normal, radius, sd))
+}
+
+fn is_paper(method: &Bound<'_, PyAny>) -> PyResult<bool> {
+    is_second(method, "method", ["best", "paper"])
+}
+
+/// Whether `word` is the second of two; what is neither is named `what`.
+fn is_second(word: &Bound<'_, PyAny>, what: &str, [first, second]: [&str; 2]) -> PyResult<bool> {
+    match word.extract::<&str>() {
+        Ok(word) if word == first => Ok(false),
+        Ok(word) if word == second => Ok(true),
+        _ => Err(PyValueError::new_err(format!("{what} must be \"{first}\" or \"{second}\", got {}", shown(word)))),
     }
 }
 

@@ -1,6 +1,7 @@
 //! The Python module `physinc._physinc`: a thin layer that converts, waits with the interpreter released, and raises.
 
 mod array;
+mod camera;
 mod config;
 mod disparity;
 mod error;
@@ -24,6 +25,8 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _physinc {
     #[pymodule_export]
+    use super::camera::{camera_file, level_pose};
+    #[pymodule_export]
     use super::config::dump_config;
     #[pymodule_export]
     use super::disparity::unpack_disparity;
@@ -31,6 +34,7 @@ mod _physinc {
     use super::event::{
         Above, Activity, CameraModel, CameraMotion, CameraOrientation, Contact, Counters, Disconnected, Gap, Inconsistency,
         LevelDisagreement, Position, Reconnected, StreamEnded, StreamStarted, Surface, TrackEnded, TrackStarted, event_from_toml,
+        part_from_toml,
     };
     #[pymodule_export]
     use super::frame::Frame;
@@ -41,7 +45,7 @@ mod _physinc {
     #[pymodule_export]
     use super::recording::{Recording, open_recording};
     #[pymodule_export]
-    use super::result::{ContactFit, FlightFit, Inconsistencies, PlaneFit, ScaleFit, SphereFit};
+    use super::result::{ContactFit, FlightFit, Inconsistencies, PlaneFit, ScaleFit, SphereFit, fit_from_toml};
     #[pymodule_export]
     use super::scale::{fit_scale, read_positions, split_flights};
     #[pymodule_export]
@@ -54,6 +58,7 @@ mod _physinc {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
-        module.add("__version__", env!("CARGO_PKG_VERSION"))
+        module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        module.add("PAPER_SIDE", crate::physics::paper::SIDE)
     }
 }

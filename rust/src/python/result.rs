@@ -1,15 +1,17 @@
 //! What the array functions return, as frozen Python classes.
 
 use super::array::{array1, array2};
-use super::event::Field;
+use super::event::{Field, Reduced, from_toml, mistake, reduced, toml};
 use super::law::{Motion, finite};
 use crate::math::{Vec3, rows};
 use crate::physics::contact::Contact;
 use crate::physics::flight::Flight;
 use numpy::PyArray1;
+use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
+use serde::{Deserialize, Serialize};
 use std::format;
 use std::string::{String, ToString};
 use std::vec::Vec;
@@ -35,6 +37,7 @@ macro_rules! result_classes {
     ($($(#[$meta:meta])* $name:ident { $($(#[$field_meta:meta])* $field:ident: $type:ty,)* } [$($hidden:ident: $hidden_type:ty),*] { $($extra:tt)* })*) => {$(
         $(#[$meta])*
         #[pyclass(frozen, module = "physinc")]
+        #[allow(clippy::unsafe_derive_deserialize)] // What is unsafe is pyo3's, and rests on no field.
         pub struct $name {
             $(pub $field: $type,)*
             $(pub $hidden: $hidden_type,)*
@@ -61,6 +64,7 @@ macro_rules! result_classes {
 }
 result_classes! {
     /// A sphere through points, in their frame.
+    #[derive(Serialize, Deserialize)]
     SphereFit {
         /// Center [3], m.
         center: [f64; 3],
@@ -72,7 +76,11 @@ result_classes! {
         residual_rms: f64,
         /// Points within three standard deviations.
         inliers: usize,
-    } [] {}
+    } [] {
+        fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py, (&'static str, String)>> {
+            reduced(py, "fit_from_toml", ("SphereFit", toml(self)?))
+        }
+    }
     /// A flight that one law explains.
     FlightFit {
         /// Of the last measurement, s.
@@ -109,6 +117,7 @@ result_classes! {
         }
     }
     /// Measurements beside their predictions (Eq. 3); NaN where nothing could be predicted.
+    #[derive(Serialize, Deserialize)]
     Inconsistencies {
         /// Centers by the law [N, 3], m.
         predicted: Vec<[f64; 3]>,
@@ -124,7 +133,11 @@ result_classes! {
         inconsistent: Vec<bool>,
         /// Standard deviation of the positions an axis, m, where it was estimated.
         sd: Option<f64>,
-    } [] {}
+    } [] {
+        fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py, (&'static str, String)>> {
+            reduced(py, "fit_from_toml", ("Inconsistencies", toml(self)?))
+        }
+    }
     /// Two flights that share a point and a time.
     ContactFit {
         /// First touch, s.
@@ -155,6 +168,7 @@ result_classes! {
         sd: Option<f64>,
     } [contact: Contact, radius: Option<f64>] {}
     /// Metres per unit of a trajectory that was known up to scale.
+    #[derive(Serialize, Deserialize)]
     ScaleFit {
         /// Metres per unit.
         scale: f64,
@@ -168,8 +182,13 @@ result_classes! {
         residual_sd: f64,
         /// Numbers measured, less those that were found out.
         dof: usize,
-    } [] {}
+    } [] {
+        fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py, (&'static str, String)>> {
+            reduced(py, "fit_from_toml", ("ScaleFit", toml(self)?))
+        }
+    }
     /// A plane that contacts lie on.
+    #[derive(Serialize, Deserialize)]
     PlaneFit {
         /// Unit normal [3], to the contacts' side.
         normal: [f64; 3],
@@ -189,7 +208,23 @@ result_classes! {
         outline: Vec<[f64; 3]>,
         /// The parallel plane below it, by its index in the list.
         above: Option<crate::event::Above>,
-    } [] {}
+    } [] {
+        fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py, (&'static str, String)>> {
+            reduced(py, "fit_from_toml", ("PlaneFit", toml(self)?))
+        }
+    }
+}
+
+/// The result, of the class `name`, that pickling wrote.
+#[pyfunction]
+pub fn fit_from_toml<'py>(py: Python<'py>, name: &str, text: &str) -> PyResult<Bound<'py, PyAny>> {
+    match name {
+        "SphereFit" => from_toml::<SphereFit>(text)?.into_bound_py_any(py),
+        "ScaleFit" => from_toml::<ScaleFit>(text)?.into_bound_py_any(py),
+        "PlaneFit" => from_toml::<PlaneFit>(text)?.into_bound_py_any(py),
+        "Inconsistencies" => from_toml::<Inconsistencies>(text)?.into_bound_py_any(py),
+        _ => Err(mistake("no such result")),
+    }
 }
 
 impl ContactFit {

@@ -4,15 +4,17 @@ use super::array::{array1, array2};
 use super::law;
 use super::result::ScaleFit;
 use super::samples::{Noise, samples};
+use super::waiting::wait_for;
 use crate::physics::scale::{self, NoScale};
 use crate::physics::split;
-use crate::source::{Csv, Input, Source};
+use crate::source::{Csv, Input, Source, SourceError};
+use crate::time::seconds_between;
 use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::format;
 use std::fs::File;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::string::{String, ToString};
 use std::vec::Vec;
 
@@ -68,23 +70,37 @@ type Rows<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Vec<i
 
 /// The rows of a CSV of positions: times (s, since the first), positions [N, 3], covariances [N, 9] (NaN where none is told), tracks (−1
 /// where none is told).
+///
+/// A pipe is read as long as it takes; Ctrl-C ends that.
 #[pyfunction]
-#[allow(clippy::needless_pass_by_value)] // As Python gives it.
 pub fn read_positions(py: Python<'_>, path: PathBuf) -> PyResult<Rows<'_>> {
+    let columns = wait_for(py, None, move || columns(&path))??;
+    Ok((array1(py, &columns.times), array2(py, &columns.centers)?, array2(py, &columns.covariances)?, columns.tracks))
+}
+
+/// What [`read_positions`] reads.
+#[derive(Default)]
+struct Columns {
+    times: Vec<f64>,
+    centers: Vec<[f64; 3]>,
+    covariances: Vec<[f64; 9]>,
+    tracks: Vec<i64>,
+}
+
+fn columns(path: &Path) -> Result<Columns, SourceError> {
     let name = path.display().to_string();
-    let file = File::open(&path).map_err(|error| crate::source::SourceError::unreadable(&name, error))?;
+    let file = File::open(path).map_err(|error| SourceError::unreadable(&name, error))?;
     let mut csv = Csv::new(&name, file, 0.0);
-    let (mut times, mut centers, mut covariances, mut tracks) = (Vec::new(), Vec::<[f64; 3]>::new(), Vec::<[f64; 9]>::new(), Vec::new());
-    let mut first = None;
+    let (mut columns, mut first) = (Columns::default(), None);
     while let Some(input) = csv.next_input()? {
         let Input::Positions { timestamp_ns, positions } = input else { continue };
-        let since = timestamp_ns - *first.get_or_insert(timestamp_ns);
+        let since = seconds_between(*first.get_or_insert(timestamp_ns), timestamp_ns);
         for position in positions {
-            times.push(since as f64 * 1e-9);
-            centers.push(position.center.into());
-            covariances.push(position.covariance.map_or([f64::NAN; 9], |covariance| core::array::from_fn(|i| covariance[i])));
-            tracks.push(position.label.map_or(-1, i64::from));
+            columns.times.push(since);
+            columns.centers.push(position.center.into());
+            columns.covariances.push(position.covariance.map_or([f64::NAN; 9], |covariance| core::array::from_fn(|i| covariance[i])));
+            columns.tracks.push(position.label.map_or(-1, i64::from));
         }
     }
-    Ok((array1(py, &times), array2(py, &centers)?, array2(py, &covariances)?, tracks))
+    Ok(columns)
 }

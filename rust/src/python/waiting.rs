@@ -9,7 +9,8 @@ use std::time::{Duration, Instant};
 /// Between two looks at the interpreter's signals.
 pub const SLICE: Duration = Duration::from_millis(50);
 
-/// What `work` comes to, on a thread of its own and with the interpreter released: opening a pipe may take for ever, and then `patience` ends.
+/// What `work` comes to, on a thread of its own and with the interpreter released: opening or reading a pipe may take for ever, and then
+/// `patience` ends, or Ctrl-C.
 pub fn wait_for<T: Send + 'static>(py: Python<'_>, patience: Option<Duration>, work: impl FnOnce() -> T + Send + 'static) -> PyResult<T> {
     let (sender, receiver) = channel();
     let start = Instant::now();
@@ -19,7 +20,7 @@ pub fn wait_for<T: Send + 'static>(py: Python<'_>, patience: Option<Duration>, w
             match receiver.recv_timeout(SLICE) {
                 Ok(outcome) => return Ok(outcome),
                 Err(RecvTimeoutError::Disconnected) => {
-                    return Err(PhysincError::new_err("physinc made a mistake while opening (the panic is on stderr); please report it"));
+                    return Err(PhysincError::new_err("physinc made a mistake while reading (the panic is on stderr); please report it"));
                 }
                 #[allow(clippy::redundant_closure_for_method_calls)] // The method by itself is not of every lifetime.
                 Err(RecvTimeoutError::Timeout) => Python::attach(|py| py.check_signals())?,

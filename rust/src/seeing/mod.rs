@@ -78,6 +78,7 @@ pub struct Seeing<'b> {
     seen: u32,
     floating: Option<bool>,
     cluttered: u64,
+    surplus: u64,
 }
 
 impl<'b> Seeing<'b> {
@@ -129,6 +130,7 @@ impl<'b> Seeing<'b> {
             seen: 0,
             floating: None,
             cluttered: 0,
+            surplus: 0,
         })
     }
 
@@ -145,6 +147,11 @@ impl<'b> Seeing<'b> {
     /// Frames in which nothing could be told apart because there were more pieces of foreground than the buffers hold.
     pub fn cluttered(&self) -> u64 {
         self.cluttered
+    }
+
+    /// Balls that were measured and not handed on, because a frame showed more than 16.
+    pub fn surplus(&self) -> u64 {
+        self.surplus
     }
 
     /// Whether [`Seeing::see`] would take `image`.
@@ -218,7 +225,7 @@ impl<'b> Seeing<'b> {
             return true;
         }
         let everywhere = Area { rows: 0..self.camera.height, columns: 0..self.camera.width };
-        let (mut found, matching) = (Vec::new(), self.matching);
+        let (mut found, matching, surplus) = (Vec::new(), self.matching, self.surplus);
         let narrow = !scope.bands.is_empty()
             && scope.bands.iter().all(|band| {
                 let before = found.len();
@@ -228,7 +235,7 @@ impl<'b> Seeing<'b> {
             });
         if !narrow {
             found.clear();
-            self.matching = matching;
+            (self.matching, self.surplus) = (matching, surplus);
             self.cluttered += u64::from(self.search(&mut source, &everywhere, scope.missing, &mut found).is_err());
         }
         self.matching.decide();

@@ -38,13 +38,14 @@ impl Seeing<'_> {
         }
         let columns = columns.start / CHUNK * CHUNK..(columns.end.div_ceil(CHUNK) * CHUNK).min(width);
         let area = Area { rows: rows.clone(), columns };
-        let before = found.len();
+        let (before, surplus) = (found.len(), self.surplus);
         // Holes leave pieces of a ball.
         let fewest = if missing.is_empty() { self.fewest_rows() } else { FEWEST_ROWS };
         // Some rows around what may be a ball; if that is not enough, all of them.
         for (stride, around) in [(fewest, AROUND), (1, height)] {
             self.look_at(source, &area, stride, stride - 1);
             found.truncate(before);
+            self.surplus = surplus;
             if self.search_marked(source, &area, fewest, around, missing, found)? {
                 return Ok(true);
             }
@@ -160,9 +161,7 @@ impl Seeing<'_> {
             if !missing.is_empty() && found.iter().any(is_known) {
                 continue;
             }
-            if found.push(ball).is_err() {
-                break;
-            }
+            self.surplus += u64::from(found.push(ball).is_err());
         }
         Ok(!frame.asked_beyond.get())
     }

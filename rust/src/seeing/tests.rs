@@ -74,6 +74,19 @@ fn a_ball_before_a_wall_is_seen_with_and_without_its_background() {
 }
 
 #[test]
+fn balls_beyond_what_there_is_room_for_are_counted() {
+    let camera = camera();
+    let balls: StdVec<_> = (0..18).map(|i| (Vec3::new(f64::from(i % 6 - 3) * 0.2 + 0.1, f64::from(i / 6 - 1) * 0.3, 1.5), 0.033)).collect();
+    let object = ObjectConfig { radius: Radii::one(0.033), ..ObjectConfig::default() };
+    let mut seeing = Seeing::new(&camera, &object, 0, Buffers::owned(camera.width, camera.height)).unwrap();
+    let mut found = Vec::new();
+    for (count, surplus) in [(16, 0), (18, 2), (18, 4), (1, 4)] {
+        seeing.see(Image::F32(&image(&camera, &balls[..count], f64::NAN)), &mut found).unwrap();
+        assert_eq!((found.len(), seeing.surplus()), (count.min(16), surplus));
+    }
+}
+
+#[test]
 fn a_ball_does_not_burn_into_the_background() {
     let camera = camera();
     let ball = |x: f64| image(&camera, &[(Vec3::new(x, 0.0, 1.5), 0.033)], 2.5);

@@ -52,7 +52,7 @@ use crate::math::{Mat3, Vec3};
 use crate::seeing::Image;
 use crate::track::Measurement;
 use std::boxed::Box;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::string::String;
 use std::sync::Arc;
 use std::time::Duration;
@@ -216,11 +216,20 @@ fn with_faults(source: &str) -> Option<(&str, &str)> {
 /// # Errors
 /// A camera file that can't be read, or says what can't be.
 pub fn camera_in_force(source: Option<&str>, config: &Config, camera: Option<&CameraConfig>) -> Result<CameraConfig, ConfigFileError> {
-    let file = source.filter(|source| !is_kinect(source)).map(file_of).filter(|file| file.exists());
-    if let Some(file) = file {
+    if let Some(file) = source.and_then(recording) {
         return sidecar::in_force(file, config, camera);
     }
     Ok(camera.map_or_else(|| config.camera.clone(), |camera| config.camera.or(camera)))
+}
+
+/// Where the camera file of `source` is, or would be; `None` of what has no place: a live Kinect, a simulated scene, stdin.
+pub fn camera_file(source: &str) -> Option<PathBuf> {
+    recording(source).map(sidecar::beside)
+}
+
+/// The file or folder that `source` names, if it is there.
+fn recording(source: &str) -> Option<&Path> {
+    Some(source).filter(|source| !is_kinect(source)).map(file_of).filter(|file| file.exists())
 }
 
 /// Positions farther out than this are taken for a mistake in units, m.

@@ -8,17 +8,18 @@ use std::path::{Path, PathBuf};
 /// The keys in force for the recording at `path`: `[camera]` in `config` wins, key by key, over `camera`, which replaces the file found
 /// beside the recording.
 pub(super) fn in_force(path: &Path, config: &Config, camera: Option<&CameraConfig>) -> Result<CameraConfig, ConfigFileError> {
-    let found = if camera.is_none() { beside(path) } else { None };
+    let found = Some(beside(path)).filter(|file| camera.is_none() && file.is_file());
     let found = found.map(|file| read_camera(&file)).transpose()?;
     Ok(camera.or(found.as_ref()).map_or_else(|| config.camera.clone(), |keys| config.camera.or(keys)))
 }
 
-/// `camera.toml` in a folder; of a file `NAME.camera.toml`, else `camera.toml` beside it.
-fn beside(path: &Path) -> Option<PathBuf> {
+/// Where the camera file of the recording at `path` is, or would be: `camera.toml` in a folder; of a file `NAME.camera.toml`, or
+/// `camera.toml` beside it if that alone is there.
+pub(super) fn beside(path: &Path) -> PathBuf {
     if path.is_dir() {
-        return Some(path.join("camera.toml")).filter(|file| file.is_file());
+        return path.join("camera.toml");
     }
     let of_its_own = unpacked_name(path).with_extension("camera.toml");
     let shared = path.with_file_name("camera.toml");
-    [of_its_own, shared].into_iter().find(|file| file.is_file())
+    if shared.is_file() && !of_its_own.is_file() { shared } else { of_its_own }
 }
