@@ -252,6 +252,7 @@ fn judged(name: &str, config: &Config, least: f64) -> [f64; 2] {
 
 #[test]
 fn a_floor_that_is_seen_is_as_good_as_one_that_was_told() {
+    let mut wrong = Vec::new();
     for (name, law, shape, least) in [
         ("toy_car?", LawName::Auto, Shape::Any, 0.0),
         ("flying_robot?", LawName::FreeFall, Shape::Any, 0.25),
@@ -263,13 +264,18 @@ fn a_floor_that_is_seen_is_as_good_as_one_that_was_told() {
             (config.laws.law, config.object.shape) = (law, shape);
             let seen = judged(name, &config, least);
             println!("{name} {scene:?}: active {:.3}, passive {:.3}", seen[0], seen[1]);
-            assert!((seen[0] >= 0.9 || name.starts_with("room")) && seen[1] >= 0.98, "{name} {scene:?}: {seen:?}");
+            if !((seen[0] >= 0.9 || name.starts_with("room")) && seen[1] >= 0.98) {
+                wrong.push(format!("{name} {scene:?}: {seen:?}"));
+            }
             // Where all is known, what is hidden from the camera may still hold something, unless the scene was told.
             if scene == SceneAssumption::Unknown {
                 config.environment.plane.push(KnownPlane::default()).unwrap();
                 let told = judged(name, &config, least);
-                assert!(seen[0] > told[0] - 0.01 && seen[1] > told[1] - 0.01, "{name}: {seen:?} {told:?}");
+                if !(seen[0] > told[0] - 0.01 && seen[1] > told[1] - 0.01) {
+                    wrong.push(format!("{name}: {seen:?} {told:?}"));
+                }
             }
         }
     }
+    assert!(wrong.is_empty(), "{wrong:?}");
 }

@@ -32,9 +32,14 @@ impl Field for Vec<bool> {
     }
 }
 
-/// Declares classes: fields that Python sees, then those that it doesn't, then methods.
+/// What pickling asks a result of the class `name` for.
+fn pickled<'py>(py: Python<'py>, name: &'static str, fit: &impl Serialize) -> PyResult<Reduced<'py, (&'static str, String)>> {
+    reduced(py, "fit_from_toml", (name, toml(fit)?))
+}
+
+/// Declares classes, perhaps `pickled`: fields that Python sees, then those that it doesn't, then methods.
 macro_rules! result_classes {
-    ($($(#[$meta:meta])* $name:ident { $($(#[$field_meta:meta])* $field:ident: $type:ty,)* } [$($hidden:ident: $hidden_type:ty),*] { $($extra:tt)* })*) => {$(
+    ($($(#[$meta:meta])* $name:ident $($pickled:ident)? { $($(#[$field_meta:meta])* $field:ident: $type:ty,)* } [$($hidden:ident: $hidden_type:ty),*] { $($extra:tt)* })*) => {$(
         $(#[$meta])*
         #[pyclass(frozen, module = "physinc")]
         #[allow(clippy::unsafe_derive_deserialize)] // What is unsafe is pyo3's, and rests on no field.
@@ -58,6 +63,9 @@ macro_rules! result_classes {
                 let shown = fields.iter().map(|(name, value)| Ok(format!("{name}={}", value.repr()?.to_string())));
                 Ok(format!("{}({})", stringify!($name), shown.collect::<PyResult<Vec<_>>>()?.join(", ")))
             }
+            $(fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py, (&'static str, String)>> {
+                $pickled(py, stringify!($name), self)
+            })?
             $($extra)*
         }
     )*};
@@ -65,7 +73,7 @@ macro_rules! result_classes {
 result_classes! {
     /// A sphere through points, in their frame.
     #[derive(Serialize, Deserialize)]
-    SphereFit {
+    SphereFit pickled {
         /// Center [3], m.
         center: [f64; 3],
         /// As given, or estimated, m.
@@ -76,11 +84,7 @@ result_classes! {
         residual_rms: f64,
         /// Points within three standard deviations.
         inliers: usize,
-    } [] {
-        fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py, (&'static str, String)>> {
-            reduced(py, "fit_from_toml", ("SphereFit", toml(self)?))
-        }
-    }
+    } [] {}
     /// A flight that one law explains.
     FlightFit {
         /// Of the last measurement, s.
@@ -118,7 +122,7 @@ result_classes! {
     }
     /// Measurements beside their predictions (Eq. 3); NaN where nothing could be predicted.
     #[derive(Serialize, Deserialize)]
-    Inconsistencies {
+    Inconsistencies pickled {
         /// Centers by the law [N, 3], m.
         predicted: Vec<[f64; 3]>,
         /// From the predicted to the measured ones [N], m.
@@ -133,11 +137,7 @@ result_classes! {
         inconsistent: Vec<bool>,
         /// Standard deviation of the positions an axis, m, where it was estimated.
         sd: Option<f64>,
-    } [] {
-        fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py, (&'static str, String)>> {
-            reduced(py, "fit_from_toml", ("Inconsistencies", toml(self)?))
-        }
-    }
+    } [] {}
     /// Two flights that share a point and a time.
     ContactFit {
         /// First touch, s.
@@ -169,7 +169,7 @@ result_classes! {
     } [contact: Contact, radius: Option<f64>] {}
     /// Metres per unit of a trajectory that was known up to scale.
     #[derive(Serialize, Deserialize)]
-    ScaleFit {
+    ScaleFit pickled {
         /// Metres per unit.
         scale: f64,
         /// Standard deviation of `scale`, metres per unit.
@@ -182,14 +182,10 @@ result_classes! {
         residual_sd: f64,
         /// Numbers measured, less those that were found out.
         dof: usize,
-    } [] {
-        fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py, (&'static str, String)>> {
-            reduced(py, "fit_from_toml", ("ScaleFit", toml(self)?))
-        }
-    }
+    } [] {}
     /// A plane that contacts lie on.
     #[derive(Serialize, Deserialize)]
-    PlaneFit {
+    PlaneFit pickled {
         /// Unit normal [3], to the contacts' side.
         normal: [f64; 3],
         /// normal · p = offset, m.
@@ -208,11 +204,7 @@ result_classes! {
         outline: Vec<[f64; 3]>,
         /// The parallel plane below it, by its index in the list.
         above: Option<crate::event::Above>,
-    } [] {
-        fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py, (&'static str, String)>> {
-            reduced(py, "fit_from_toml", ("PlaneFit", toml(self)?))
-        }
-    }
+    } [] {}
 }
 
 /// The result, of the class `name`, that pickling wrote.

@@ -198,13 +198,19 @@ mod tests {
         (frames, remarks)
     }
 
-    #[test]
-    fn whenever_the_recorder_is_killed_all_but_the_last_second_is_there() {
-        let folder = std::env::temp_dir().join(std::format!("physinc-npz-{}", std::process::id()));
+    /// A folder of its own, and a recording that is begun in it.
+    fn begin(name: &str) -> (PathBuf, PathBuf, NpzFile) {
+        let folder = std::env::temp_dir().join(std::format!("physinc-{name}-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let out = folder.join("out.npz");
         let camera = Camera::from_config(&keys(), DepthCode::Disparity { law: [3.0, -0.003] }).unwrap();
-        let mut file = NpzFile::create(&out, &camera).unwrap();
+        let file = NpzFile::create(&out, &camera).unwrap();
+        (folder, out, file)
+    }
+
+    #[test]
+    fn whenever_the_recorder_is_killed_all_but_the_last_second_is_there() {
+        let (folder, out, mut file) = begin("npz");
         let expected: Vec<_> = (0..8).map(frame).collect();
         let head = file.layout().head().len();
         let mut before = (std::fs::read(&out).unwrap(), Vec::new());
@@ -241,11 +247,7 @@ mod tests {
 
     #[test]
     fn stamps_that_go_back_or_stand_still_are_settled_too() {
-        let folder = std::env::temp_dir().join(std::format!("physinc-npz-stamps-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).unwrap();
-        let out = folder.join("out.npz");
-        let camera = Camera::from_config(&keys(), DepthCode::Disparity { law: [3.0, -0.003] }).unwrap();
-        let mut file = NpzFile::create(&out, &camera).unwrap();
+        let (folder, _, mut file) = begin("npz-stamps");
         let settled = |file: &NpzFile| file.settled.frames;
         for i in 0..8 {
             let (timestamp_ns, samples) = frame(-i);

@@ -84,9 +84,9 @@ enum Next {
 }
 
 impl Live {
-    /// Opens what `name` names: `kinect` (the first, and no other if another program has it), `kinect:SERIAL`, `kinect:PLACE` or `kinect:INDEX`, and behind a `?` perhaps `transfers=16` (how
-    /// many are out at once), `packets=64` (how many each has, 125 µs apart: fewer come sooner, more wake the host less often) and
-    /// `video=color` or `video=infrared`.
+    /// Opens what `name` names: `kinect` (the first, and no other if another program has it), `kinect:SERIAL`, `kinect:PLACE` or
+    /// `kinect:INDEX`, and behind a `?` perhaps `transfers=16` (how many are out at once), `packets=64` (how many each has, 125 µs apart:
+    /// fewer come sooner, more wake the host less often) and `video=color` or `video=infrared`.
     /// The camera is as `keys` say, else as the device itself tells.
     ///
     /// # Errors
