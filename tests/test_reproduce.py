@@ -11,6 +11,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from physinc.reproduce.all import EXPERIMENTS
 from physinc.reproduce.experiment import Section, spread
 from physinc.reproduce.observation import PAPER, observe
 from physinc.reproduce.page import page
+from physinc.reproduce.run import unheard
 from physinc.reproduce.surfaces import SCENE, estimated, table
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -181,6 +183,26 @@ def test_ctrl_c_ends_it_soon(tmp_path: Path, to_all: bool, seconds: float) -> No
     while any(map(lives, at_work)) and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not any(map(lives, at_work))
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_kill"), reason="threads are not signalled here")
+def test_ctrl_c_in_another_thread_waits_until_processes_have_begun() -> None:
+    ending = threading.Event()
+    other = threading.Thread(target=ending.wait)
+    other.start()
+    before = signal.getsignal(signal.SIGINT), signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    begun = False
+    try:
+        with pytest.raises(KeyboardInterrupt), unheard():
+            assert other.ident is not None
+            signal.pthread_kill(other.ident, signal.SIGINT)
+            time.sleep(0.1)
+            begun = True
+    finally:
+        ending.set()
+        other.join()
+    assert begun
+    assert (signal.getsignal(signal.SIGINT), signal.pthread_sigmask(signal.SIG_BLOCK, [])) == before
 
 
 def test_what_is_lacking_is_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

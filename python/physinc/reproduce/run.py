@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -22,7 +23,7 @@ def run(experiments: Sequence[Experiment], seeds: Sequence[int], done: Callable[
     others = multiprocessing.active_children()
     with ProcessPoolExecutor(PROCESSES, multiprocessing.get_context("spawn")) as pool:
         try:
-            with _unheard():
+            with unheard():
                 futures = {pool.submit(task[0], *task[1]): index for index, (_, task) in enumerate(tasks)}
             for count, future in enumerate(as_completed(futures), 1):
                 results[futures[future]] = future.result()
@@ -30,7 +31,7 @@ def run(experiments: Sequence[Experiment], seeds: Sequence[int], done: Callable[
             drawings = []
             for i, experiment in enumerate(experiments):
                 mine = [result for (of, _), result in zip(tasks, results, strict=True) if of == i]
-                with _unheard():
+                with unheard():
                     drawings.append(pool.submit(experiment.section, seeds, mine))
             sections = []
             for count, (experiment, drawing) in enumerate(zip(experiments, drawings, strict=True), len(tasks) + 1):
@@ -46,15 +47,21 @@ def run(experiments: Sequence[Experiment], seeds: Sequence[int], done: Callable[
 
 
 @contextmanager
-def _unheard() -> Iterator[None]:
-    """Let processes that begin here leave Ctrl-C to their parent, from their first instruction on."""
+def unheard() -> Iterator[None]:
+    """Let processes that begin here leave Ctrl-C to their parent, from their first instruction on; the parent hears it once they have begun."""
     mask: Any = getattr(signal, "pthread_sigmask", None)  # Windows has none.
-    if mask is None:
+    if mask is None or threading.current_thread() is not threading.main_thread():
         yield
         return
-    # They inherit what is blocked; here it is heard afterwards.
-    before = mask(signal.SIG_BLOCK, [signal.SIGINT])
+    # They inherit what is blocked. A library's thread (BLAS has some) doesn't block it, and Python then interrupts
+    # the main thread, maybe between a process and what it is to read.
+    came: list[int] = []
+    blocked = mask(signal.SIG_BLOCK, [signal.SIGINT])
+    handler = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
     try:
         yield
     finally:
-        mask(signal.SIG_SETMASK, before)
+        signal.signal(signal.SIGINT, handler)
+        if came:
+            signal.raise_signal(signal.SIGINT)
+        mask(signal.SIG_SETMASK, blocked)
