@@ -55,7 +55,7 @@ fuzz:  ## a minute of each fuzz target (SECONDS=60), then the property tests on 
 	rust/fuzz/run $(or $(SECONDS),60)
 	env -u PROPTEST_RNG_SEED PROPTEST_CASES=2000 cargo test --locked --release --lib --test assembler --test reasoning --test seeing
 
-lint: .venv/.installed  ## formats, clippy, ruff, mypy and stubtest; warnings are errors
+lint: .venv/.installed  ## formats, clippy, rustdoc, ruff, mypy and stubtest; warnings are errors
 	cargo fmt --check
 	cargo fmt --check --manifest-path rust/nostd/Cargo.toml
 	cargo fmt --check --manifest-path rust/fuzz/Cargo.toml
@@ -64,6 +64,7 @@ lint: .venv/.installed  ## formats, clippy, ruff, mypy and stubtest; warnings ar
 	cargo clippy --locked --lib --no-default-features -- -D warnings
 	cargo clippy --locked --lib --features python -- -D warnings
 	cargo clippy --locked --manifest-path rust/virtual/Cargo.toml --target-dir $(TARGET) -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked --quiet --no-deps --features usb
 	ruff check
 	ruff format --check
 	mypy

@@ -66,9 +66,9 @@ macro_rules! events {
             Position {
                 /// Index of the frame as delivered, from 0.
                 frame: u64,
-                /// Center in the world [3], m.
+                /// Center in the world `[3]`, m.
                 center: [f64; 3],
-                /// Center in the camera frame [3], m; `None` for positions.
+                /// Center in the camera frame `[3]`, m; `None` for positions.
                 center_in_camera: Option<[f64; 3]>,
                 /// Of `center` [3, 3], m²; `None` where nobody knows.
                 ///
@@ -92,9 +92,9 @@ macro_rules! events {
             }
             /// Measurement and prediction disagree (Eq. 3, or the whitened test).
             Inconsistency {
-                /// Center by the laws of physics [3], world, m.
+                /// Center by the laws of physics `[3]`, world, m.
                 predicted: [f64; 3],
-                /// Center as measured [3], world, m.
+                /// Center as measured `[3]`, world, m.
                 measured: [f64; 3],
                 /// Between the two, m.
                 distance: f64,
@@ -111,19 +111,19 @@ macro_rules! events {
                 time_ns: i64,
                 /// Standard deviation of `time_ns`, s.
                 time_sd: Option<f64>,
-                /// Center of the ball at first touch [3], world, m.
+                /// Center of the ball at first touch `[3]`, world, m.
                 center: [f64; 3],
-                /// Where it touched [3]: center − radius · normal, world, m.
+                /// Where it touched `[3]`: center − radius · normal, world, m.
                 point: Option<[f64; 3]>,
                 /// Of `center` [3, 3], m².
                 covariance: [[f64; 3]; 3],
-                /// Unit normal of the surface [3], to the side the ball came from, world.
+                /// Unit normal of the surface `[3]`, to the side the ball came from, world.
                 normal: Option<[f64; 3]>,
-                /// The paper's [3]: normalised mean of the two unit tangents along the motion; `None` where they cancel.
+                /// The paper's `[3]`: normalised mean of the two unit tangents along the motion; `None` where they cancel.
                 direction: Option<[f64; 3]>,
-                /// At first touch [3], world, m/s.
+                /// At first touch `[3]`, world, m/s.
                 velocity_before: Option<[f64; 3]>,
-                /// At last touch [3], world, m/s.
+                /// At last touch `[3]`, world, m/s.
                 velocity_after: Option<[f64; 3]>,
                 /// Speed away from the surface over speed into it.
                 restitution: Option<f64>,
@@ -136,7 +136,7 @@ macro_rules! events {
                 id: u32,
                 /// As configured.
                 name: Option<String<64>>,
-                /// Unit normal [3], to the contacts' side, world.
+                /// Unit normal `[3]`, to the contacts' side, world.
                 normal: [f64; 3],
                 /// normal · p = offset, m.
                 offset: f64,
@@ -159,7 +159,7 @@ macro_rules! events {
             CameraOrientation {
                 /// Unique among camera orientations.
                 id: u32,
-                /// Measured acceleration without drag [3], its length kept, camera frame, m/s².
+                /// Measured acceleration without drag `[3]`, its length kept, camera frame, m/s².
                 gravity_in_camera: [f64; 3],
                 /// atan2(gx, gy), rad.
                 roll: f64,
@@ -178,7 +178,7 @@ macro_rules! events {
                 id: u32,
                 /// Index of the frame, as delivered, from 0.
                 frame: u64,
-                /// Of the optical center since the first frame [3], world axes, m.
+                /// Of the optical center since the first frame `[3]`, world axes, m.
                 displacement: [f64; 3],
                 /// Of `displacement` [3, 3], m²; as far as what is `undetermined` is as was assumed.
                 covariance: [[f64; 3]; 3],
@@ -200,9 +200,9 @@ macro_rules! events {
             }
             /// Flights show that the accelerometer's level, `gravity_in_camera` of the configuration, is off. Told once in a stream.
             LevelDisagreement {
-                /// As the flights show it [3], camera frame, m/s².
+                /// As the flights show it `[3]`, camera frame, m/s².
                 gravity_in_camera: [f64; 3],
-                /// As the accelerometer tells it [3], camera frame, m/s².
+                /// As the accelerometer tells it `[3]`, camera frame, m/s².
                 gravity_by_accelerometer: [f64; 3],
                 /// Between the two, rad.
                 angle: f64,

@@ -69,7 +69,7 @@ pub fn limit<S: Sample>(coding: &Coding, frames: u32, limits: &mut [u16], shown:
     }
 }
 
-/// Bridges the holes of a row, up to [`HOLE`] wide, that have the same surface on both sides: what is read there now and then is that surface.
+/// Bridges the holes of a row, up to `HOLE` wide, that have the same surface on both sides: what is read there now and then is that surface.
 pub fn bridge(beyond: u16, limits: &mut [u16], shown: &mut [u16]) {
     let mut start = 0;
     while let Some(width) = shown.get(start..).and_then(|rest| rest.iter().position(|key| *key >= beyond)) {

@@ -114,7 +114,7 @@ impl Plan {
     }
 }
 
-/// Writes a scene's frames as npz: `timestamps_ns` [N] int64, and `disparity` or `depth_mm` [N, 480, 640] uint16.
+/// Writes a scene's frames as npz: `timestamps_ns` `[N]` int64, and `disparity` or `depth_mm` `[N, 480, 640]` uint16.
 ///
 /// # Errors
 /// Whatever `out` refuses, and `go_on`, which is asked before each frame.

@@ -17,7 +17,7 @@ use std::string::{String, ToString};
 use std::vec::Vec;
 use zip::{CompressionMethod, ZipArchive};
 
-/// Reads `timestamps_ns` [N] int64 and `depth_mm` or `disparity` [N, H, W] uint16. Whatever the file claims, there is never more than one
+/// Reads `timestamps_ns` `[N]` int64 and `depth_mm` or `disparity` `[N, H, W]` uint16. Whatever the file claims, there is never more than one
 /// frame of the camera's size in memory.
 pub struct Npz {
     name: String,

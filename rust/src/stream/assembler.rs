@@ -6,7 +6,7 @@
 //! after a gap of whole frames the ends don't meet for 128 (64) frames, over 2 s; and a silence of [`SILENCE_NS`] begins anew.
 //!
 //! A packet that is late, out of the frame before, reads as one far ahead in this one. What comes next tells: of two packets more than
-//! [`REACH`] places apart, the one ahead was not this frame's.
+//! `REACH` places apart, the one ahead was not this frame's.
 //!
 //! Bits that flip inside a packet's samples can't be seen here: USB's checksum is for them. A flipped sequence is seen when the
 //! packet whose place was taken comes too: then neither is believed.
