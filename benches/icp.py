@@ -1,6 +1,6 @@
 """The motion between two views of one body: physinc beside small_gicp, on the same points.
 
-    python benches/icp.py [--rounds N]
+    python benches/icp.py [--rounds N] [--seed N]
 
 Views are of a car of boxes and of a body of ellipsoids, a frame apart, with a Kinect's noise, as `rust/benches/icp.rs` draws them.
 small_gicp is given each pixel's point, the same start (the middles of both views on each other), and one thread. Each of its
@@ -118,7 +118,8 @@ def main() -> None:
     """Print error and time of both."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=5)
-    rounds = parser.parse_args().rounds
+    parser.add_argument("--seed", type=int, default=7000, help="of the first pair of each scene")
+    arguments = parser.parse_args()
     program = build()
     with tempfile.TemporaryDirectory() as folder:
         dump = Path(folder) / "views"
@@ -131,8 +132,8 @@ def main() -> None:
             best[scene, kind] = min(settings, key=lambda setting: summary([register(pair, setting) for pair in pairs])[0])
         ours: list[list[dict[str, Any]]] = []
         theirs: dict[tuple[int, str], list[Any]] = {key: [] for key in best}
-        for _ in range(rounds):
-            ours.append(bench(program, 7000, dump))
+        for _ in range(arguments.rounds):
+            ours.append(bench(program, arguments.seed, dump))
             for pair in read(dump):
                 for kind in TYPES:
                     theirs[pair.scene, kind].append(register(pair, best[pair.scene, kind]))
