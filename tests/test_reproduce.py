@@ -190,18 +190,23 @@ def test_ctrl_c_in_another_thread_waits_until_processes_have_begun() -> None:
     ending = threading.Event()
     other = threading.Thread(target=ending.wait)
     other.start()
-    before = signal.getsignal(signal.SIGINT), signal.pthread_sigmask(signal.SIG_BLOCK, [])
-    begun = False
-    try:
-        with pytest.raises(KeyboardInterrupt), unheard():
+    begun = []
+
+    def begin() -> None:
+        with unheard():
             assert other.ident is not None
             signal.pthread_kill(other.ident, signal.SIGINT)
             time.sleep(0.1)
-            begun = True
+            begun.append(True)
+
+    before = signal.getsignal(signal.SIGINT), signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            begin()
     finally:
         ending.set()
         other.join()
-    assert begun
+    assert begun == [True]
     assert (signal.getsignal(signal.SIGINT), signal.pthread_sigmask(signal.SIG_BLOCK, [])) == before
 
 

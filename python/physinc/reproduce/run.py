@@ -48,7 +48,7 @@ def run(experiments: Sequence[Experiment], seeds: Sequence[int], done: Callable[
 
 @contextmanager
 def unheard() -> Iterator[None]:
-    """Let processes that begin here leave Ctrl-C to their parent, from their first instruction on; the parent hears it once they have begun."""
+    """Let processes that begin here leave Ctrl-C to their parent, from their first instruction on; it hears of it once they have begun."""
     mask: Any = getattr(signal, "pthread_sigmask", None)  # Windows has none.
     if mask is None or threading.current_thread() is not threading.main_thread():
         yield
