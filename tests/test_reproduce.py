@@ -165,7 +165,7 @@ def lives(process: int) -> bool:
         return False
 
 
-@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="Linux tells who begot whom")
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="asks Linux's /proc for a process's children: run it on Linux")
 @pytest.mark.parametrize("to_all", [False, True])
 @pytest.mark.parametrize("seconds", [0.0, 0.3, 6.0])
 def test_ctrl_c_ends_it_soon(tmp_path: Path, to_all: bool, seconds: float) -> None:
@@ -185,8 +185,9 @@ def test_ctrl_c_ends_it_soon(tmp_path: Path, to_all: bool, seconds: float) -> No
     assert not any(map(lives, at_work))
 
 
-@pytest.mark.skipif(not hasattr(signal, "pthread_kill"), reason="threads are not signalled here")
-def test_ctrl_c_in_another_thread_waits_until_processes_have_begun() -> None:
+@pytest.mark.parametrize("to_other", [False, True])
+@pytest.mark.skipif(not hasattr(signal, "pthread_kill"), reason="signals one thread, which Windows can't: run it on Linux or macOS")
+def test_ctrl_c_waits_until_processes_have_begun(to_other: bool) -> None:
     ending = threading.Event()
     other = threading.Thread(target=ending.wait)
     other.start()
@@ -194,8 +195,9 @@ def test_ctrl_c_in_another_thread_waits_until_processes_have_begun() -> None:
 
     def begin() -> None:
         with unheard():
-            assert other.ident is not None
-            signal.pthread_kill(other.ident, signal.SIGINT)
+            told = other if to_other else threading.main_thread()
+            assert told.ident is not None
+            signal.pthread_kill(told.ident, signal.SIGINT)
             time.sleep(0.1)
             begun.append(True)
 

@@ -56,12 +56,12 @@ def unheard() -> Iterator[None]:
     # They inherit what is blocked. A library's thread (BLAS has some) doesn't block it, and Python then interrupts
     # the main thread, maybe between a process and what it is to read.
     came: list[int] = []
-    blocked = mask(signal.SIG_BLOCK, [signal.SIGINT])
     handler = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    blocked = mask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         yield
     finally:
+        mask(signal.SIG_SETMASK, blocked)
         signal.signal(signal.SIGINT, handler)
         if came:
             signal.raise_signal(signal.SIGINT)
-        mask(signal.SIG_SETMASK, blocked)
