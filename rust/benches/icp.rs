@@ -2,9 +2,9 @@
 //!
 //!     cargo bench --bench icp -- [--seed N] [--dump FILE]
 //!
-//! Prints a line of JSON a scene: rms of the error of the body's middle (m) and of the turn (rad), the shift's NEES an axis, medians over pairs of the time of a frame's
-//! work (pixels to cells, normals, alignment to the view before) and of the alignment alone (µs). FILE is given the views' points: for each pair, little-endian, the
-//! scene's number and the sizes of source and target (u32), the true motion (3 × 4 f64), the middle in the source (3 f64), then both views' points (f32).
+//! Prints a line of JSON a scene: rms of the error of the body's middle (m) and of the turn (rad), the shift's NEES an axis, medians over
+//! pairs of the time of a frame's work (pixels to cells, normals, alignment to the view before) and of the alignment alone (µs). FILE is
+//! given the views' points: for each pair, little-endian, the scene's number and the sizes of source and target (u32), the true motion (3 × 4 f64), the middle in the source (3 f64), then both views' points (f32).
 
 #[path = "../tests/solids/mod.rs"]
 mod solids;
@@ -67,7 +67,7 @@ fn median(values: &mut [f64]) -> f64 {
 }
 
 fn scene(number: u32, name: &str, body: &[Solid], distance: f64, first_seed: u64, camera: &Camera, dump: &mut Option<impl Write>) {
-    let (mut squares, mut frame_times, mut align_times) = ([0.0; 3], Vec::new(), Vec::new());
+    let (mut means, mut frame_times, mut align_times) = ([0.0; 3], Vec::new(), Vec::new());
     let (mut source, mut target) = (Box::<Cloud>::default(), Box::<Cloud>::default());
     for seed in first_seed..first_seed + PAIRS {
         let random = &mut Random::new(seed * 64 + u64::from(number));
@@ -91,12 +91,10 @@ fn scene(number: u32, name: &str, body: &[Solid], distance: f64, first_seed: u64
         frame_times.push(median(&mut (0..9).map(|_| frame(false).0).collect::<Vec<_>>()));
         align_times.push(median(&mut (0..9).map(|_| frame(true).0).collect::<Vec<_>>()));
         let found = found.expect("the views lie on each other");
-        let shift = found.target_from_source.of(&place) - truth.of(&place);
-        let covariance = found.covariance_at(&truth.of(&place));
-        squares[2] += shift.dot(&(covariance.try_inverse().expect("a covariance") * shift)) / (3 * PAIRS) as f64;
-        let found = found.target_from_source;
-        squares[0] += (found.of(&place) - truth.of(&place)).norm_squared() / PAIRS as f64;
-        squares[1] += found.after(&truth.inverse()).angle().powi(2) / PAIRS as f64;
+        let (motion, there) = (found.target_from_source, truth.of(&place));
+        let (shift, turn) = (motion.of(&place) - there, motion.after(&truth.inverse()).angle());
+        let nees = shift.dot(&(found.covariance_at(&there).try_inverse().expect("a covariance") * shift)) / 3.0;
+        means.iter_mut().zip([shift.norm_squared(), turn * turn, nees]).for_each(|(mean, x)| *mean += x / PAIRS as f64);
         if let Some(file) = dump {
             let (a, b) = (from.points(camera), to.points(camera));
             let head = [number, a.len() as u32 / 3, b.len() as u32 / 3].map(u32::to_le_bytes).concat();
@@ -107,7 +105,7 @@ fn scene(number: u32, name: &str, body: &[Solid], distance: f64, first_seed: u64
         }
     }
     let (frame_us, align_us) = (median(&mut frame_times), median(&mut align_times));
-    let ([shift, turn], nees) = ([squares[0], squares[1]].map(f64::sqrt), squares[2]);
+    let [shift, turn, nees] = [means[0].sqrt(), means[1].sqrt(), means[2]];
     println!(
         "{{\"scene\": {number}, \"name\": \"{name}, {distance} m\", \"shift\": {shift}, \"turn\": {turn}, \"nees\": {nees}, \"frame_us\": {frame_us}, \"align_us\": {align_us}}}"
     );

@@ -59,7 +59,7 @@ macro_rules! events {
                 source: String<512>,
                 /// The camera; `None` for positions.
                 camera: Option<CameraModel>,
-                /// The pose that fixes the stream's world [4, 4].
+                /// The pose that fixes the stream's world `[4, 4]`.
                 world_from_camera: [[f64; 4]; 4],
             }
             /// An object was seen here.
@@ -70,7 +70,7 @@ macro_rules! events {
                 center: [f64; 3],
                 /// Center in the camera frame `[3]`, m; `None` for positions.
                 center_in_camera: Option<[f64; 3]>,
-                /// Of `center` [3, 3], m²; `None` where nobody knows.
+                /// Of `center` `[3, 3]`, m²; `None` where nobody knows.
                 ///
                 /// Of any shape it includes what has drifted since its first view, which positions near in time have in common: they differ by
                 /// less.
@@ -115,7 +115,7 @@ macro_rules! events {
                 center: [f64; 3],
                 /// Where it touched `[3]`: center − radius · normal, world, m.
                 point: Option<[f64; 3]>,
-                /// Of `center` [3, 3], m².
+                /// Of `center` `[3, 3]`, m².
                 covariance: [[f64; 3]; 3],
                 /// Unit normal of the surface `[3]`, to the side the ball came from, world.
                 normal: Option<[f64; 3]>,
@@ -140,7 +140,7 @@ macro_rules! events {
                 normal: [f64; 3],
                 /// normal · p = offset, m.
                 offset: f64,
-                /// Of (normal, offset) [4, 4], units of normal 1 and of offset m.
+                /// Of (normal, offset) `[4, 4]`, units of normal 1 and of offset m.
                 covariance: Option<[[f64; 4]; 4]>,
                 /// Angle between the normal and up, rad.
                 tilt: Option<f64>,
@@ -148,7 +148,7 @@ macro_rules! events {
                 tilt_sd: Option<f64>,
                 /// How many contacts it rests on.
                 contacts: u32,
-                /// Convex hull of the touched points on the plane [N, 3], world, m.
+                /// Convex hull of the touched points on the plane `[N, 3]`, world, m.
                 outline: Option<Vec<[f64; 3], 32>>,
                 /// The parallel surface below it.
                 above: Option<Above>,
@@ -165,7 +165,7 @@ macro_rules! events {
                 roll: f64,
                 /// atan2(−gz, √(gx² + gy²)), rad.
                 pitch: f64,
-                /// Of `gravity_in_camera` [3, 3], (m/s²)².
+                /// Of `gravity_in_camera` `[3, 3]`, (m/s²)².
                 covariance: [[f64; 3]; 3],
                 /// Flights that it rests on.
                 flights: u32,
@@ -180,7 +180,7 @@ macro_rules! events {
                 frame: u64,
                 /// Of the optical center since the first frame `[3]`, world axes, m.
                 displacement: [f64; 3],
-                /// Of `displacement` [3, 3], m²; as far as what is `undetermined` is as was assumed.
+                /// Of `displacement` `[3, 3]`, m²; as far as what is `undetermined` is as was assumed.
                 covariance: [[f64; 3]; 3],
                 /// What neither objects nor static structure tell of it.
                 undetermined: Vec<Undetermined, 4>,

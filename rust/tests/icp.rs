@@ -3,7 +3,7 @@
 mod solids;
 
 use physinc::config::CameraConfig;
-use physinc::detect::cloud::Cloud;
+use physinc::detect::cloud::{CELLS, Cloud};
 use physinc::detect::foreground::Area;
 use physinc::detect::icp::{Alignment, align};
 use physinc::detect::noise::Noise;
@@ -50,6 +50,16 @@ fn poses(random: &mut Random, distance: f64) -> (Motion, Motion) {
 
 fn motion(from: &Motion, to: &Motion) -> Motion {
     to.after(&from.inverse())
+}
+
+/// Single pixels where there are few; never so small that they share more noise than they add, nor more than there is room for.
+#[test]
+fn cells_are_as_large_as_their_object_asks() {
+    let mut cloud = Box::<Cloud>::default();
+    for (extent, stride) in [(1, 1), (51, 1), (52, 2), (136, 2), (137, 3), (204, 3), (205, 4), (480, 8), (640, 10)] {
+        cloud.clear(&camera(), &Area { rows: 0..1, columns: 0..extent });
+        assert_eq!((cloud.stride(), cloud.cells().count() <= CELLS), (stride, true), "{extent} px");
+    }
 }
 
 /// Without noise, and where no normal is taken across an edge, only rounding remains.
