@@ -128,6 +128,47 @@ fn errors(
     [shift.sqrt(), turn.sqrt(), nees]
 }
 
+/// A ball of 10 cm, and its view without noise.
+fn ball() -> (Vec3, f64, Box<Cloud>) {
+    let (camera, middle, radius) = (camera(), Vec3::new(0.05, -0.03, 1.0), 0.1);
+    let solid = Solid::Ellipsoid(Vec3::zeros(), Vec3::repeat(radius));
+    let image = draw(&camera, &[solid], &Motion::about(&Vec3::zeros(), &Vec3::zeros(), &middle));
+    (middle, radius, cloud(&camera, &image, true))
+}
+
+/// Where neighbours lie to one side of a cell only, their plane lags behind the surface.
+#[test]
+fn a_round_body_is_known_up_to_its_rim() {
+    let (middle, radius, cloud) = ball();
+    let vector = |v: [f32; 3]| Vec3::from(v.map(f64::from));
+    let rim = cloud.cells().filter(|cell| cell.has_normal() && cell.cover < 0.95);
+    let angles: Vec<f64> = rim.map(|cell| (vector(cell.point) - middle).angle(&vector(cell.normal)).to_degrees()).collect();
+    let angle = angles.iter().sum::<f64>() / angles.len() as f64;
+    // Seen from so near, the rim is before the middle, by this.
+    let before = radius * radius / middle.z;
+    let apart = cloud.outline().iter().map(|p| f64::from(p[2]) - (middle.z - before)).sum::<f64>() / cloud.outline().len() as f64;
+    println!("{} normals off by {angle:.1}°, rim by {:.1} mm", angles.len(), 1e3 * apart);
+    // One-sided planes are off by 4.1°, the depth of the nearest cells by 16 mm.
+    assert!(angles.len() > 200 && angle < 2.2 && apart.abs() < 8e-3);
+}
+
+/// Chords lie behind what is bent towards the camera.
+#[test]
+fn depth_between_cells_is_the_surfaces() {
+    let (middle, radius, cloud) = ball();
+    let errors = (0..10_000).map(|i| {
+        let ray = Vec3::new(f64::from(i % 100) * 1e-3, f64::from(i / 100) * 1e-3 - 0.08, 1.0);
+        let along = ray.dot(&middle) / ray.norm_squared();
+        let within = radius * radius - (middle - along * ray).norm_squared();
+        let z = along - (within / ray.norm_squared()).sqrt();
+        let point = [ray.x * z, ray.y * z, z].map(|x| x as f32);
+        1.0 / f64::from(cloud.inverse_depth(cloud.project(&point)).expect("a surface")) - z
+    });
+    let mean = errors.sum::<f64>() / 1e4;
+    // Of plain means and chords, 28 µm.
+    assert!(mean.abs() < 1e-5, "{mean} m");
+}
+
 #[test]
 fn views_of_whole_bodies_are_aligned() {
     for body in [car(), blob()] {

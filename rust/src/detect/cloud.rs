@@ -6,6 +6,7 @@
 #![allow(clippy::inline_always)] // So that loops are compiled for the registers of `widest`.
 
 use super::foreground::Area;
+use super::icp::{FACING, dot};
 use crate::geometry::camera::Camera;
 use crate::math::{Vec3, sqrt, sqrtf};
 use crate::simd::widest;
@@ -27,6 +28,10 @@ const NORMAL_PX: usize = 7;
 const STEEPEST: (f32, f32) = (2.0, 0.01);
 /// Cells that are covered more than this, with those around them, are not at the rim.
 const INSIDE: f32 = 0.95;
+/// At the rim a surface bends on no further than so many times as far as it is known to;
+const FURTHEST: f32 = 2.0;
+/// and no further than until it is seen edge-on, nearly: cosine of the angle between its normal and the ray.
+const EDGE_ON: f32 = 0.1;
 /// Cells over which a silhouette fades.
 const REACH: f32 = 2.0;
 
@@ -39,6 +44,8 @@ const _: () = assert!(EDGE.is_multiple_of(LANES));
 /// x/z, y/z and 1/z of each cell: that of a plane is linear in the first two. 1/z is 0 where nothing is seen. Row follows on row: beside one
 /// is the margin of another.
 type Rays = [[f32; PADDED]; 3];
+/// How far the cells through which a cell's plane was laid lie aside of it in the mean, as x/z, y/z and 1/z; 0 where they surround it.
+type Asides = [[f32; 3]; CELLS];
 
 /// The mean of a square of pixels.
 #[derive(Clone, Copy, Debug, Default)]
@@ -67,6 +74,17 @@ impl Cell {
     pub fn has_normal(&self) -> bool {
         self.normal[2] < 0.0
     }
+}
+
+/// The point that lies so far `aside` of a cell's, m.
+fn midst(cell: &Cell, aside: &[f32; 3]) -> [f32; 3] {
+    let (w, z) = (1.0 / cell.point[2], 1.0 / (1.0 / cell.point[2] + aside[2]));
+    [(cell.point[0] * w + aside[0]) * z, (cell.point[1] * w + aside[1]) * z, z]
+}
+
+fn distance(a: &[f32; 3], b: &[f32; 3]) -> f32 {
+    let between = [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+    sqrtf(dot(&between, &between))
 }
 
 /// The seen surface of one object.
@@ -189,7 +207,7 @@ impl Cloud {
     }
 
     /// Takes normals and depths of the surface from the cells' points.
-    #[allow(clippy::large_stack_arrays)] // 68 KB while it runs.
+    #[allow(clippy::large_stack_arrays)] // 131 KB while it runs.
     pub(super) fn take_surface(&mut self) {
         let mut rays = [[0.0; PADDED]; 3];
         for (i, cell) in self.cells.iter_mut().take(self.rows * EDGE).enumerate() {
@@ -198,16 +216,18 @@ impl Cloud {
             (cell.normal, cell.inverse) = ([0.0; 3], 0.0);
             rays.iter_mut().zip(ray).for_each(|(parts, part)| parts[PAD + i] = part);
         }
+        let mut asides = [[0.0; 3]; CELLS];
+        let reach = (NORMAL_PX.div_ceil(self.stride) / 2).max(1);
         widest(
             #[inline(always)]
-            || self.take_normals(&rays),
+            || self.take_normals(&rays, &mut asides, reach),
         );
+        self.bend_rim(&mut asides, reach);
     }
 
     /// Normals of planes through the cells around each, by least squares.
     #[inline(always)]
-    fn take_normals(&mut self, rays: &Rays) {
-        let reach = (NORMAL_PX.div_ceil(self.stride) / 2).max(1);
+    fn take_normals(&mut self, rays: &Rays, asides: &mut Asides, reach: usize) {
         let steepest = STEEPEST.0 * self.pitch()[0] * reach as f32;
         let lanes = |i: usize| rays.each_ref().map(|parts| parts.get(i..).and_then(<[f32]>::first_chunk).copied().unwrap_or([0.0; LANES]));
         for row in 0..self.rows {
@@ -233,17 +253,17 @@ impl Cloud {
                     }
                 }
                 for i in (0..LANES).filter(|i| w[*i] > 0.0) {
-                    self.take_normal(first + i, [x[i], y[i], w[i]], sums.each_ref().map(|sum| sum[i]));
+                    asides[first + i] = self.take_normal(first + i, reach, sums.each_ref().map(|sum| sum[i]));
                 }
             }
         }
     }
 
-    /// The plane of a cell on `ray`, from sums over those around it: how many, their differences to it, and these' products.
+    /// The plane of a cell, from sums over those around it: how many, their differences to it, and these' products. How far they lie aside.
     #[inline(always)]
-    fn take_normal(&mut self, i: usize, [x, y, inverse]: [f32; 3], [n, dx, dy, dw, dxx, dxy, dyy, dxw, dyw]: [f32; 9]) {
+    fn take_normal(&mut self, i: usize, reach: usize, [n, dx, dy, dw, dxx, dxy, dyy, dxw, dyw]: [f32; 9]) -> [f32; 3] {
         if n < 6.0 {
-            return;
+            return [0.0; 3];
         }
         let [mx, my, mw] = [dx / n, dy / n, dw / n];
         let (xx, xy, yy) = (dxx - n * mx * mx, dxy - n * mx * my, dyy - n * my * my);
@@ -251,17 +271,59 @@ impl Cloud {
         let determinant = xx * yy - xy * xy;
         // Neighbours along one line tell nothing across it.
         if determinant < 0.05 * xx * yy || determinant <= 0.0 {
-            return;
+            return [0.0; 3];
         }
         let (along, down) = ((xw * yy - yw * xy) / determinant, (yw * xx - xw * xy) / determinant);
-        // 1/z = m · (x/z, y/z, 1) is m · p = 1.
-        let away = [along, down, inverse + mw - along * (x + mx) - down * (y + my)];
-        let length = sqrtf(away[0] * away[0] + away[1] * away[1] + away[2] * away[2]);
+        // What is bent lies on one side of its neighbours' plane, by r (r + 1) / 6 of its second derivatives, and linear interpolation on the
+        // other side of it: by 1/12 of them, on average between two cells.
+        let bent = 0.5 / (reach * (reach + 1)) as f32 * (mw - along * mx - down * my);
+        self.face(i, [along, down], bent);
+        if n < ((2 * reach + 1) * (2 * reach + 1)) as f32 { [mx, my, mw] } else { [0.0; 3] }
+    }
+
+    /// Lays a plane through a cell's point, by how 1/z changes with x/z and y/z, which is less by `bent` than that point tells.
+    #[inline(always)]
+    fn face(&mut self, i: usize, [along, down]: [f32; 2], bent: f32) {
         let cell = &mut self.cells[i];
+        let w = 1.0 / cell.point[2];
+        let [x, y] = [cell.point[0] * w, cell.point[1] * w];
+        // 1/z = m · (x/z, y/z, 1) is m · p = 1.
+        let away = [along, down, w - along * x - down * y];
+        let length = sqrtf(dot(&away, &away));
         cell.normal = away.map(|part| -part / length);
         // A cell that is filled in part has its point aside of its middle.
         let middle = |k: usize, place: usize| (place as f32 + 0.5 - self.offset[k]) / self.scale[k];
-        cell.inverse = inverse + along * (middle(0, i % EDGE) - x) + down * (middle(1, i / EDGE) - y);
+        cell.inverse = w + along * (middle(0, i % EDGE) - x) + down * (middle(1, i / EDGE) - y) - bent;
+    }
+
+    /// Turns the normals of cells at the rim. The plane of cells that lie to one side faces as the surface does in their midst, and from there on
+    /// the surface bends as it did up to there.
+    fn bend_rim(&mut self, asides: &mut Asides, reach: usize) {
+        for row in 0..self.rows {
+            for i in row * EDGE..row * EDGE + self.columns {
+                let (aside, cell) = (asides[i], self.cells[i]);
+                let inwards = [0, 1].map(|k| aside[k] * self.scale[k]);
+                let half = 0.5 * inwards[0].abs().max(inwards[1].abs());
+                if half == 0.0 {
+                    continue;
+                }
+                let [across, down] = inwards.map(|part| reach as isize * (isize::from(part > half) - isize::from(part < -half)));
+                let Some(inner) = i.checked_add_signed(down * EDGE as isize + across) else { continue };
+                let (Some(met), Some(beside)) = (self.cells.get(inner).filter(|met| met.has_normal()), asides.get(inner)) else { continue };
+                if dot(&cell.normal, &met.normal) < FACING {
+                    continue;
+                }
+                let (here, before) = (midst(&cell, &aside), midst(met, beside));
+                let further = (distance(&cell.point, &here) / distance(&here, &before)).min(FURTHEST);
+                let [a, b] = [cell.normal, met.normal];
+                let normal = [0, 1, 2].map(|k| a[k] + further * (a[k] - b[k]));
+                let along = dot(&normal, &cell.point);
+                if -along > EDGE_ON * sqrtf(dot(&normal, &normal)) * cell.point[2] {
+                    self.face(i, [normal[0] / along, normal[1] / along], 0.0);
+                    asides[i] = [0.0; 3];
+                }
+            }
+        }
     }
 
     /// Means over 3 × 3 cells, so that a silhouette fades over as many.
@@ -291,10 +353,13 @@ impl Cloud {
                 }
                 let step = (0.5 - cell.cover) / square;
                 let place = [column as f32 + 0.5 + step * slope[0], row as f32 + 0.5 + step * slope[1]];
-                // A round body's rim is farther away than what is seen next to it.
-                let z = self.at(place).filter(|met| met.is_seen()).unwrap_or(&cell).point[2];
-                let ray = |i: usize| (place[i] - self.offset[i]) / self.scale[i];
-                if self.is_own(place) && self.outline.push([ray(0) * z, ray(1) * z, z]).is_err() {
+                let met = self.at(place).filter(|met| met.is_seen()).unwrap_or(&cell);
+                let ray = [0, 1].map(|k| (place[k] - self.offset[k]) / self.scale[k]);
+                // A round body's rim is farther away than what is seen next to it: in that one's plane.
+                let most = STEEPEST.0 * self.pitch()[0] * met.point[2] + STEEPEST.1;
+                let along = dot(&met.normal, &met.point) / dot(&met.normal, &[ray[0], ray[1], 1.0]);
+                let z = if met.has_normal() && along > 0.0 { along.clamp(met.point[2] - most, met.point[2] + most) } else { met.point[2] };
+                if self.is_own(place) && self.outline.push([ray[0] * z, ray[1] * z, z]).is_err() {
                     return;
                 }
             }
