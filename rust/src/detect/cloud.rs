@@ -82,9 +82,9 @@ fn midst(cell: &Cell, aside: &[f32; 3]) -> [f32; 3] {
     [(cell.point[0] * w + aside[0]) * z, (cell.point[1] * w + aside[1]) * z, z]
 }
 
-fn distance(a: &[f32; 3], b: &[f32; 3]) -> f32 {
+fn distance_square(a: &[f32; 3], b: &[f32; 3]) -> f32 {
     let between = [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
-    sqrtf(dot(&between, &between))
+    dot(&between, &between)
 }
 
 /// The seen surface of one object.
@@ -314,7 +314,7 @@ impl Cloud {
                     continue;
                 }
                 let (here, before) = (midst(&cell, &aside), midst(met, beside));
-                let further = (distance(&cell.point, &here) / distance(&here, &before)).min(FURTHEST);
+                let further = sqrtf(distance_square(&cell.point, &here) / distance_square(&here, &before)).min(FURTHEST);
                 let [a, b] = [cell.normal, met.normal];
                 let normal = [0, 1, 2].map(|k| a[k] + further * (a[k] - b[k]));
                 let along = dot(&normal, &cell.point);

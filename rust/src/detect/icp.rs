@@ -185,13 +185,6 @@ pub(super) fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-#[inline(always)]
-fn mean_direction(a: &[f32; 3], b: &[f32; 3]) -> [f32; 3] {
-    let sum = [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
-    let inverse = 1.0 / crate::math::sqrtf(dot(&sum, &sum));
-    sum.map(|x| x * inverse)
-}
-
 /// Tukey's biweight of a residual whose square is this part of the cutoff's.
 #[inline(always)]
 fn tukey(part: f32) -> f32 {
@@ -314,25 +307,27 @@ fn surfaces(
         if cell.has_normal() && dot(&turned, normal) < FACING {
             continue;
         }
-        // The mean of how both face: its noise is less, and between two points of a round surface it is the chord's.
-        let normal = mean_direction(&turned, normal);
+        // How both face in the mean, whose noise is less; and between two points of a round surface it is the chord's. Its length cancels out.
+        let normal = [turned[0] + normal[0], turned[1] + normal[1], turned[2] + normal[2]];
+        let length_square = dot(&normal, &normal);
         // How much the surface faces the ray, and how far it is along the ray: by its cells, or by the plane of one.
         let facing = dot(&normal, &p) * (1.0 / p[2]);
         let residual = match target.inverse_depth(place) {
             Some(inverse) => facing * (1.0 / inverse - p[2]),
             None => dot(&normal, &[q[0] - p[0], q[1] - p[1], q[2] - p[2]]),
         };
-        let axial = noise.axial(f64::from(q[2])) as f32 * facing.abs().max(GRAZING);
-        let own = axial * axial / cell.views;
-        let precision = 1.0 / (own + axial * axial / views);
+        let axial = noise.axial(f64::from(q[2])) as f32;
+        let variance = axial * axial * (facing * facing).max(GRAZING * GRAZING * length_square);
+        let own = views / (cell.views + views);
+        let precision = own * cell.views / variance;
         let square = residual * residual * precision;
-        let weight = stands * tukey(square / within);
+        let weight = tukey(square / within);
         if weight > 0.0 {
-            let weighed = weight * precision * (weighing.surface / cell.cover.max(LONELY)).min(1.0 / stands);
+            let weighed = weight * precision * (stands * weighing.surface / cell.cover.max(LONELY)).min(1.0);
             system.add(&moved.jacobian(&p, &normal), residual, weighed);
-            system.share(weighed, own * precision);
-            system.squares = [system.squares[0] + weight * square, system.squares[1] + weight];
-            system.distances += stands * residual * residual;
+            system.share(weighed, own);
+            system.squares = [system.squares[0] + stands * weight * square, system.squares[1] + stands * weight];
+            system.distances += stands * residual * residual / length_square;
             system.inliers += stands;
         }
     }
