@@ -373,9 +373,12 @@ impl Cloud {
 
     /// Cells that show a surface, one of `step`; if asked, each standing for as many, but of the `rim` all.
     pub(super) fn samples(&self, step: usize, rim: bool) -> impl Iterator<Item = (&Cell, f32)> {
+        let every = if rim { 1 } else { step };
         let lines = self.cells.chunks_exact(EDGE).take(self.rows).enumerate();
-        let cells =
-            lines.flat_map(|(row, line)| line.iter().take(self.columns).enumerate().map(move |(column, cell)| (row + column, cell)));
+        let cells = lines.flat_map(move |(row, line)| {
+            let first = (every - row % every) % every;
+            line.iter().take(self.columns).enumerate().skip(first).step_by(every).map(move |(column, cell)| (row + column, cell))
+        });
         cells.filter(|(_, cell)| cell.is_seen()).filter_map(move |(place, cell)| {
             let stands = if rim && cell.cover >= INSIDE { step } else { 1 };
             (place % step == 0 || rim && cell.cover < INSIDE).then_some((cell, stands as f32))
