@@ -301,7 +301,7 @@ impl Cloud {
     fn bend_rim(&mut self, asides: &mut Asides, reach: usize) {
         for row in 0..self.rows {
             for i in row * EDGE..row * EDGE + self.columns {
-                let (aside, cell) = (asides[i], self.cells[i]);
+                let aside = asides[i];
                 let inwards = [0, 1].map(|k| aside[k] * self.scale[k]);
                 let half = 0.5 * inwards[0].abs().max(inwards[1].abs());
                 if half == 0.0 {
@@ -310,10 +310,11 @@ impl Cloud {
                 let [across, down] = inwards.map(|part| reach as isize * (isize::from(part > half) - isize::from(part < -half)));
                 let Some(inner) = i.checked_add_signed(down * EDGE as isize + across) else { continue };
                 let (Some(met), Some(beside)) = (self.cells.get(inner).filter(|met| met.has_normal()), asides.get(inner)) else { continue };
+                let cell = &self.cells[i];
                 if dot(&cell.normal, &met.normal) < FACING {
                     continue;
                 }
-                let (here, before) = (midst(&cell, &aside), midst(met, beside));
+                let (here, before) = (midst(cell, &aside), midst(met, beside));
                 let further = sqrtf(distance_square(&cell.point, &here) / distance_square(&here, &before)).min(FURTHEST);
                 let [a, b] = [cell.normal, met.normal];
                 let normal = [0, 1, 2].map(|k| a[k] + further * (a[k] - b[k]));

@@ -14,11 +14,11 @@ use nalgebra::{Matrix3x6, Matrix6, Vector6};
 
 /// From coarse to fine.
 const LEVELS: [Level; 2] = [
-    Level { step: 4, rim: false, cutoff: 15.0, rounds: 9, settled: 1.0 },
+    Level { step: 4, rim: false, cutoff: 15.0, rounds: 9, settled: 2.0 },
     // Of Gaussian residuals Tukey's weights then keep 95 % of what they tell.
-    Level { step: 2, rim: true, cutoff: 4.685, rounds: 8, settled: 0.2 },
+    Level { step: 2, rim: true, cutoff: 4.685, rounds: 8, settled: 0.3 },
 ];
-/// Fewer cells than this are not thinned.
+/// What fills fewer cells than this is not thinned.
 const THINNED: usize = 200;
 /// What is known before, as standard deviations of a round's step: it keeps a turn that can't be seen (of a ball) from running off. rad, m.
 const PRIOR: (f64, f64) = (0.5, 0.5);
@@ -44,7 +44,7 @@ struct Level {
     cutoff: f32,
     /// Linearisations at most.
     rounds: usize,
-    /// A step that is this part of its standard deviation ends it.
+    /// A step of no more than so many standard deviations ends it: the next would be a small part of that.
     settled: f64,
 }
 
@@ -226,7 +226,7 @@ impl Weighing {
 pub fn align(source: &Cloud, target: &Cloud, start: &Motion, noise: Noise, step: f64) -> Option<Alignment> {
     let weighing = Weighing::new(noise, source, target, step);
     let (mut motion, mut iterations, mut spread) = (*start, 0, 1.0);
-    let thinned = source.cells().filter(|cell| cell.is_seen()).count() >= THINNED;
+    let thinned = source.pixels() as usize >= THINNED * source.stride() * source.stride();
     let mut outcome = None;
     for level in &LEVELS {
         for _ in 0..level.rounds {
