@@ -13,7 +13,7 @@ use crate::simd::widest;
 use heapless::Vec;
 
 /// Columns and rows of cells.
-pub const EDGE: usize = 72;
+pub const EDGE: usize = 80;
 /// Cells.
 pub const CELLS: usize = EDGE * EDGE;
 /// Empty cells around the object, in which its silhouette fades.
@@ -21,7 +21,7 @@ const MARGIN: usize = 2;
 /// So many cells of 2 × 2 pixels across the object tell as much as twice as many of one, which share their noise.
 const ENOUGH: usize = 26;
 /// Points of the silhouette at the most.
-const OUTLINE: usize = 360;
+const OUTLINE: usize = 400;
 /// Pixels over which a normal is taken, at the least: as many as the matching window has.
 const NORMAL_PX: usize = 7;
 /// Slope, depth a distance across, above which neighbours are two surfaces; and the step in depth, m, that noise may make besides.
@@ -189,7 +189,7 @@ impl Cloud {
 
     /// Takes means, normals and the silhouette from what was added. `intact`: no samples are missing, so that where the object ends in the image
     /// it ends.
-    #[allow(clippy::large_stack_arrays)] // 21 KB while it runs.
+    #[allow(clippy::large_stack_arrays)] // 26 KB while it runs.
     pub fn finish(&mut self, intact: bool) {
         let mut covers = [0.0; CELLS];
         let area = (self.stride * self.stride) as f32;
@@ -207,7 +207,7 @@ impl Cloud {
     }
 
     /// Takes normals and depths of the surface from the cells' points.
-    #[allow(clippy::large_stack_arrays)] // 131 KB while it runs.
+    #[allow(clippy::large_stack_arrays)] // 160 KB while it runs.
     pub(super) fn take_surface(&mut self) {
         let mut rays = [[0.0; PADDED]; 3];
         for (i, cell) in self.cells.iter_mut().take(self.rows * EDGE).enumerate() {
