@@ -4,10 +4,10 @@
 
 Views are of a car of boxes and of a body of ellipsoids, a frame apart, with a Kinect's noise, as `rust/benches/icp.rs` draws them.
 small_gicp is given each pixel's point, the same start (the middles of both views on each other), and one thread. Each of its
-registration types is run with the
-settings that gave it the least error, among those below, on other pairs of the same scene (seed 8000). Its time is that of a frame's work:
-preprocessing the new view and aligning it; the view before keeps its tree. `align` is without preprocessing. Ours is run before and
-after theirs in each round; medians over pairs and rounds. The error of the shift is the body's middle's, rms.
+registration types is run with the settings that gave it the least error, among those below, on other pairs of the same scene (seed
+8000). Its time is that of a frame's work: preprocessing the new view and aligning it; the view before keeps its tree. `align` is
+without preprocessing. Ours is run before and after theirs in each round; medians over pairs and rounds. The error of the shift is
+the body's middle's, rms.
 """
 
 from __future__ import annotations

@@ -173,8 +173,8 @@ fn depth_between_cells_is_the_surfaces() {
 fn views_of_whole_bodies_are_aligned() {
     for body in [car(), blob()] {
         let [shift, turn, _] = errors(&body, 1.2, false, true, 0..20, |_, _| {});
-        // Cells of 3 to 5 px and the rims of round bodies leave half a pixel of 2 mm.
-        assert!(shift < 1.3e-3 && turn < 0.03, "{shift} m, {turn} rad");
+        // Cells of 2 to 4 px and their rims leave an eighth of a pixel of 2 mm.
+        assert!(shift < 4e-4 && turn < 5e-3, "{shift} m, {turn} rad");
     }
 }
 
@@ -212,7 +212,8 @@ fn views_fused_into_one_err_less() {
         assert!(error(&fused) < 0.6 * alone, "{} m of {alone} m", error(&fused));
         let view = cloud(&camera, &disturb(&camera, &image, random), true);
         let own = |target: &Cloud| aligned(&view, target).expect("they lie on each other").own;
-        assert!((own(&view) - 0.5).abs() < 1e-3 && own(&fused) > 0.6, "{} {}", own(&view), own(&fused));
+        // Of the surface 8/9, of the silhouette, which isn't fused, a half.
+        assert!((own(&view) - 0.5).abs() < 1e-3 && own(&fused) > 0.75, "{} {}", own(&view), own(&fused));
     }
 }
 

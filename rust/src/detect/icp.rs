@@ -325,7 +325,7 @@ fn surfaces(
         if weight > 0.0 {
             let weighed = weight * precision * (stands * weighing.surface / cell.cover.max(LONELY)).min(1.0);
             system.add(&moved.jacobian(&p, &normal), residual, weighed);
-            system.share(weighed, own);
+            system.share(weighed * length_square, own);
             system.squares = [system.squares[0] + stands * weight * square, system.squares[1] + stands * weight];
             system.distances += stands * residual * residual / length_square;
             system.inliers += stands;
